@@ -164,7 +164,7 @@ def test_exported_names_exist_once():
 
 def test_a_class_name_has_one_meaning():
     """The simulator has its own codec and registers: those classes are the same things again."""
-    places: dict[str, set[str]] = {}
+    places = {}
     for path in MODULES:
         for node in MODULES[path]:
             if isinstance(node, ast.ClassDef):

@@ -88,7 +88,7 @@ def test_arguments_of_ros_end_at_two_dashes():
         ("ball", "visual_target", {"follow": "colour"}),
     ],
 )
-def test_a_run_starts_the_node_of_its_target(target: str, node: str, parameter: dict) -> None:
+def test_a_run_starts_the_node_of_its_target(target, node, parameter):
     plan = parse_arguments(["--port", "/dev/null", "--target", target])
     (chosen,) = [spec for spec in plan.nodes if spec.name.endswith("_target")]
     assert chosen.name == node
@@ -96,7 +96,7 @@ def test_a_run_starts_the_node_of_its_target(target: str, node: str, parameter: 
 
 
 @pytest.mark.parametrize(("words", "port"), [([], {}), (["--port", ""], {"port_name": ""})])
-def test_an_empty_port_is_not_the_default(words: list[str], port: dict[str, str]) -> None:
+def test_an_empty_port_is_not_the_default(words, port):
     assert parse_arguments(words).nodes[0].parameters == port
 
 
@@ -156,9 +156,7 @@ def test_a_wrong_command_line_is_refused_before_anything_is_done(tool, words, mo
         "--ros-args --remap __name:=head",
     ],
 )
-def test_a_run_with_a_wrong_option_is_refused(
-    words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_with_a_wrong_option_is_refused(words, capsys):
     with pytest.raises(SystemExit) as refused:
         parse_arguments(["--sim", *words.split()])
     assert refused.value.code == 2
@@ -181,7 +179,7 @@ def test_a_node_with_a_misspelt_argument_does_not_start(monkeypatch, capsys):
 
 
 def test_ctrl_c_while_a_program_is_loaded_is_silent(monkeypatch):
-    def interrupted(name: str) -> None:
+    def interrupted(name):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(programs, "import_module", interrupted)
@@ -193,7 +191,7 @@ def test_a_tool_is_interrupted_once_by_signals_in_a_row(number):
     """The second one would interrupt what relaxes the servos."""
     ended = []
 
-    def work() -> None:
+    def work():
         try:
             signal.raise_signal(number)
         finally:

@@ -22,7 +22,7 @@ def anchors(path: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
-def test_no_link_is_dead(document: Path) -> None:
+def test_no_link_is_dead(document):
     for target, anchor in LINK.findall(prose(document)):
         file = (document.parent / target).resolve() if target else document
         assert file.exists(), target
@@ -30,7 +30,7 @@ def test_no_link_is_dead(document: Path) -> None:
             assert anchor in anchors(file), f"{target}#{anchor}"
 
 
-def test_documents_name_the_version_of_the_package() -> None:
+def test_documents_name_the_version_of_the_package():
     text = (ROOT / "package.xml").read_text()
     version = re.search(r"<version>(.*)</version>", text)
     assert version is not None
@@ -55,7 +55,7 @@ def sentences(text: str) -> list[str]:
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
-def test_sentences_are_short(document: Path) -> None:
+def test_sentences_are_short(document):
     assert [each for each in sentences(prose(document)) if len(each.split()) > MOST_WORDS] == []
 
 
@@ -63,14 +63,14 @@ FILE = re.compile(r"`((?:\w+/)+\w+\.(?:py|yaml|xacro|rviz|js|html|toml))`")
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(ROOT)))
-def test_files_that_a_document_names_exist(document: Path) -> None:
+def test_files_that_a_document_names_exist(document):
     for name in FILE.findall(prose(document)):
         if "NAME" in name:
             continue
         assert (ROOT / name).exists() or (ROOT / "head_tracking" / name).exists(), name
 
 
-def test_the_tables_named_in_add_one_exist() -> None:
+def test_the_tables_named_in_add_one_exist():
     text = (ROOT / "docs" / "explain" / "architecture.md").read_text()
     rows = text.partition("\n## Add one\n")[2].partition("\n## ")[0].splitlines()
     tables = [

@@ -32,7 +32,7 @@ def test_without_a_terminal_no_keys_are_read():
 
 
 def test_a_failed_stop_is_not_confirmed():
-    def fail() -> dict[str, str]:
+    def fail():
         raise RuntimeError("no bus")
 
     stream = io.StringIO()

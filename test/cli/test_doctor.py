@@ -88,7 +88,7 @@ read_once = cache(configured.load_robot_model)
 
 
 @pytest.fixture
-def head(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Head:
+def head(tmp_path, monkeypatch):
     monkeypatch.setattr(configured, "load_robot_model", read_once)
     return Head(tmp_path, monkeypatch)
 
@@ -169,13 +169,13 @@ RED: list[tuple[str, Callable[[Head], None]]] = [
 
 
 @pytest.mark.parametrize(("check", "spoil"), RED)
-def test_each_check_can_be_red(check: str, spoil: Callable[[Head], None], head: Head) -> None:
+def test_each_check_can_be_red(check, spoil, head):
     spoil(head)
     assert head.check() == 2
     assert head.levels.get(check) is Grade.RED
 
 
-def test_a_correct_head_is_green(head: Head) -> None:
+def test_a_correct_head_is_green(head):
     assert head.check() == 0
     assert {check for check, _ in RED} < head.levels.keys()
     assert {check for check, level in head.levels.items() if level is not Grade.GREEN} == {
@@ -193,14 +193,14 @@ def test_a_correct_head_is_green(head: Head) -> None:
         ("port", _opening(PortBusyError("/dev/ttyUSB0"))),
     ],
 )
-def test_minor_problems_are_amber(check: str, spoil: Callable[[Head], None], head: Head) -> None:
+def test_minor_problems_are_amber(check, spoil, head):
     spoil(head)
     assert head.check() == 1
     assert head.levels[check] is Grade.AMBER
     assert head.sent or check == "port"  # a port that another program owns is left alone
 
 
-def test_servos_are_only_pinged_and_read(head: Head) -> None:
+def test_servos_are_only_pinged_and_read(head):
     """Servos keep torque and position."""
     for servo in head.bus:
         servo.set_register("Torque Enable", 1)
@@ -212,7 +212,7 @@ def test_servos_are_only_pinged_and_read(head: Head) -> None:
     assert [servo.true_position for servo in head.bus] == before
 
 
-def test_without_hardware_no_port_is_opened(head: Head) -> None:
+def test_without_hardware_no_port_is_opened(head):
     head.arguments.append("--sim")
     assert head.check() == 0
     assert not head.sent
@@ -231,12 +231,12 @@ def test_without_hardware_no_port_is_opened(head: Head) -> None:
         (-0.05, Grade.RED),
     ],
 )
-def test_clocks_that_differ_are_reported(seconds: float, level: Grade) -> None:
+def test_clocks_that_differ_are_reported(seconds, level):
     assert check_clocks({"joint_states": 0.0, "t": seconds}).level is level
     assert check_clocks({}).level is Grade.SKIPPED
 
 
-def test_diagnostics_are_shown(head: Head, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_diagnostics_are_shown(head, monkeypatch):
     diagnostics = {"servo_bus: head_pan_joint": (2, "lost: it does not answer")}
     monkeypatch.setattr(network, "listen", lambda *_: Traffic({}, diagnostics, 3))
     head.arguments = []
@@ -245,21 +245,21 @@ def test_diagnostics_are_shown(head: Head, monkeypatch: pytest.MonkeyPatch) -> N
     assert head.levels["diagnostics"] is Grade.RED
 
 
-def test_a_middleware_error_is_red(head: Head, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_middleware_error_is_red(head, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", "many")
     head.arguments = ["--listen", "0.1"]
     assert head.check() == 2
     assert head.levels["network"] is Grade.RED
 
 
-def test_it_runs_without_ros(head: Head, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_runs_without_ros(head, monkeypatch):
     monkeypatch.setitem(sys.modules, network.__name__, None)
     head.arguments = []
     assert head.check() == 1
     assert head.levels["network"] is Grade.AMBER
 
 
-def test_servos_at_another_baud_rate_are_found_and_named(head: Head) -> None:
+def test_servos_at_another_baud_rate_are_found_and_named(head):
     head.baud_rate = 57_600
     assert head.check() == Grade.RED
     named = [finding for finding in head.found if "57600" in finding.text]
@@ -267,7 +267,7 @@ def test_servos_at_another_baud_rate_are_found_and_named(head: Head) -> None:
     assert all("1000000" in finding.text for finding in named)
 
 
-def test_feetech_servos_are_checked_with_the_offset_in_their_memory(head: Head) -> None:
+def test_feetech_servos_are_checked_with_the_offset_in_their_memory(head):
     head.params(head_of("STS3215", ", offset: -85"))
     head.servos(SimulatedServo(1, "STS3215"), SimulatedServo(2, "STS3215"))
     head[1].set_offset(-85)

@@ -3,7 +3,6 @@
 import configparser
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy
@@ -20,7 +19,7 @@ STEPS = [Step("first", ("one", "1")), Step("then", ("two",))]
 
 
 @pytest.fixture
-def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def workspace(tmp_path, monkeypatch):
     prefix = tmp_path / "my workspace" / "install" / "head_tracking"
     (prefix / "share" / "head_tracking").mkdir(parents=True)
     (prefix / "share" / "head_tracking" / "package.xml").touch()
@@ -29,7 +28,7 @@ def workspace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return prefix
 
 
-def test_the_udev_rules_set_latency_and_group() -> None:
+def test_the_udev_rules_set_latency_and_group():
     install, *_ = head_setup.udev_steps()
     source, target = install.command[-2:]
     assert target == "/etc/udev/rules.d/99-dynamixel.rules"
@@ -38,10 +37,10 @@ def test_the_udev_rules_set_latency_and_group() -> None:
     assert 'GROUP="dialout"' in rules
 
 
-def test_a_failed_step_ends_the_set_up() -> None:
-    done: list[Sequence[str]] = []
+def test_a_failed_step_ends_the_set_up():
+    done = []
 
-    def execute(command: Sequence[str]) -> int:
+    def execute(command):
         done.append(command)
         return 1
 
@@ -50,16 +49,14 @@ def test_a_failed_step_ends_the_set_up() -> None:
     assert done == [("one", "1")]
 
 
-def test_the_unit_is_complete_with_the_arguments_of_the_head(
-    workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_unit_is_complete_with_the_arguments_of_the_head(workspace, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "a b.yaml").touch()
     words = ["--port", "/dev/tty'1", "--params", "a b.yaml", "--mode", "point"]
     install, *_ = head_setup.service_steps(words, tmp_path)
     text = Path(install.command[-2]).read_text()
     unit = configparser.RawConfigParser(strict=False)
-    unit.optionxform = str  # type: ignore[assignment, method-assign]
+    unit.optionxform = str
     unit.read_string(text)
     start = unit["Service"]["ExecStart"]
     assert f'source "{workspace.parent}/setup.bash"' in start
@@ -71,24 +68,20 @@ def test_the_unit_is_complete_with_the_arguments_of_the_head(
 
 
 @pytest.mark.parametrize("words", ["--prot /dev/ttyUSB0", "--params nothing.yaml", "--yes"])
-def test_a_service_that_would_fail_at_every_start_is_refused(workspace: Path, words: str) -> None:
+def test_a_service_that_would_fail_at_every_start_is_refused(workspace, words):
     with pytest.raises(SystemExit) as refused:
         head_setup.main(["service", *words.split()])
     assert refused.value.code == 2
 
 
-def test_a_set_up_that_is_not_confirmed_leaves_no_file(
-    workspace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_set_up_that_is_not_confirmed_leaves_no_file(workspace, tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     before = set(tmp_path.iterdir())
     assert head_setup.main(["service"]) == REFUSED  # it cannot ask: no terminal
     assert set(tmp_path.iterdir()) == before
 
 
-def test_libraries_of_the_requirements_are_installed_into_the_workspace(
-    workspace: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_libraries_of_the_requirements_are_installed_into_the_workspace(workspace, monkeypatch):
     monkeypatch.setattr(sys, "prefix", sys.base_prefix)
     lists = (share_directory() / "requirements").glob("*.txt")
     lines = {line for path in lists for line in path.read_text().splitlines()}
@@ -105,7 +98,7 @@ def test_libraries_of_the_requirements_are_installed_into_the_workspace(
         assert keeps_numpy
 
 
-def test_a_wrong_place_or_argument_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_place_or_argument_is_refused(monkeypatch):
     monkeypatch.setenv("AMENT_PREFIX_PATH", "/nowhere")
     assert head_setup.main(["service"]) == FAILED
     with pytest.raises(SystemExit):

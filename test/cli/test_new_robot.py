@@ -1,7 +1,6 @@
 """new-robot on simulated servos: from unknown servos to a head that points."""
 
 from pathlib import Path
-from typing import IO, Any
 
 import pytest
 import yaml
@@ -61,7 +60,7 @@ class User:
 
 
 @pytest.fixture
-def user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> User:
+def user(tmp_path, monkeypatch):
     return User(tmp_path, monkeypatch)
 
 
@@ -71,7 +70,7 @@ BY_HAND = [{}, {9: 2600}, {9: 600}, {9: 1500}, {5: 2900}, {5: 1700}]
 GIVEN = ("--pan", "9", "--tilt", "5")
 
 
-def test_an_unknown_head_is_described_and_points(user: User) -> None:
+def test_an_unknown_head_is_described_and_points(user):
     user.poses = [dict(pose) for pose in BY_HAND]
     user.answers = "high\n0 0\n0 0 0.12\n0 0.01 0.05\n0.04 0 0.02\n"  # two are asked again
     before = user.bench.bus[3].true_ticks
@@ -102,16 +101,14 @@ def test_an_unknown_head_is_described_and_points(user: User) -> None:
         assert servos[2].true_ticks < 1400 and servos[1].true_ticks > 2200
 
 
-def test_a_joint_that_did_not_turn_is_named_and_asked_for_again(
-    user: User, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_joint_that_did_not_turn_is_named_and_asked_for_again(user, capsys):
     user.poses = [{}, {}, {}, *(dict(pose) for pose in BY_HAND)]
     user.answers = "\n\n\n"
     assert user.run() == DONE
     assert "the servo of head_pan did not turn" in capsys.readouterr().err
 
 
-def test_a_joint_with_two_servos_is_described(user: User) -> None:
+def test_a_joint_with_two_servos_is_described(user):
     user.poses = [*BY_HAND[:4], {5: 2900, 3: 1250}, {5: 1700, 3: 2450}]
     user.answers = "\n\n\ny\n"
     assert user.run() == DONE
@@ -126,7 +123,7 @@ def test_a_joint_with_two_servos_is_described(user: User) -> None:
         assert head.look_at((2.0, 0.8, 0.3)).arrived
 
 
-def test_options_replace_the_poses(user: User) -> None:
+def test_options_replace_the_poses(user):
     options = ("--pan-zero", "1500", "--reverse-tilt", "--tilt-range", "-30", "20")
     place = ("--pan-xyz", "0", "0", "0.3", "--camera-roll", "90")
     user.bench.bus[5].set_register("Drive Mode", 1)
@@ -141,7 +138,7 @@ def test_options_replace_the_poses(user: User) -> None:
         assert camera.rotation @ (1.0, 0.0, 0.0) == pytest.approx((0.0, 0.0, -1.0), abs=0.01)
 
 
-def test_feetech_servos_are_described_with_the_offset_in_their_memory(user: User) -> None:
+def test_feetech_servos_are_described_with_the_offset_in_their_memory(user):
     user.bench = Bench([SimulatedServo(5, "STS3215"), SimulatedServo(253, "STS3215")])
     user.bench.bus[5].set_offset(-85)
     user.poses = [{}, {253: 2600}, {253: 600}, {253: 1500}, {5: 2900}, {5: 1700}]
@@ -153,16 +150,14 @@ def test_feetech_servos_are_described_with_the_offset_in_their_memory(user: User
 
 
 @pytest.mark.parametrize("name", ["my_head.yaml", "my_head.urdf.xacro"])
-def test_nothing_is_overwritten(user: User, name: str) -> None:
+def test_nothing_is_overwritten(user, name):
     (user.folder / name).write_text("precious")
     assert user.run(*GIVEN, "--yes") == REFUSED
     assert (user.folder / name).read_text() == "precious"
     assert len(user.files) == 1
 
 
-def test_a_file_that_another_program_writes_meanwhile_stays(
-    user: User, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_that_another_program_writes_meanwhile_stays(user, monkeypatch):
     other = user.folder / "my_head.yaml"
     monkeypatch.setattr(new_robot, "PanTiltHead", lambda *_: other.write_text("precious"))
     assert user.run(*GIVEN, "--yes") == FAILED
@@ -170,10 +165,10 @@ def test_a_file_that_another_program_writes_meanwhile_stays(
     assert other.read_text() == "precious"
 
 
-def test_a_full_disk_leaves_no_file(user: User, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_leaves_no_file(user, monkeypatch):
     open_file = Path.open
 
-    def open_on_full_disk(path: Path, mode: str = "r", *others: Any, **named: Any) -> IO[Any]:
+    def open_on_full_disk(path, mode="r", *others, **named):
         if (mode, path.suffix) == ("x", ".yaml"):
             path.symlink_to("/dev/full")
             mode = "w"
@@ -184,13 +179,13 @@ def test_a_full_disk_leaves_no_file(user: User, monkeypatch: pytest.MonkeyPatch)
     assert user.files == []
 
 
-def test_the_end_of_the_input_is_no_answer(user: User) -> None:
+def test_the_end_of_the_input_is_no_answer(user):
     user.answers = "0 0 0.1\n"  # then Ctrl-D
     assert user.run(*GIVEN) == REFUSED
     assert user.files == []
 
 
-def test_torque_off_needs_confirmation(user: User) -> None:
+def test_torque_off_needs_confirmation(user):
     user.bench.bus[5].set_register("Torque Enable", 1)
     user.answers = "\n\n\nn\n"
     assert user.run() == REFUSED
@@ -210,9 +205,7 @@ def test_torque_off_needs_confirmation(user: User) -> None:
     ],
     ids=["both", "unlike", "pan", "zero", "tilt", "same"],
 )
-def test_a_joint_with_impossible_poses_is_asked_for_again(
-    user: User, wrong: list[dict[int, int]]
-) -> None:
+def test_a_joint_with_impossible_poses_is_asked_for_again(user, wrong):
     again = BY_HAND[4:] if len(wrong) > 3 else BY_HAND[1:]
     user.poses = [*wrong, {9: 1500, 5: 2100}, *again]
     user.answers = "0 0 0.12\n\n\n"
@@ -224,7 +217,7 @@ def test_a_joint_with_impossible_poses_is_asked_for_again(
     assert 'value="0 0 0.12"' in (user.folder / "my_head.urdf.xacro").read_text()
 
 
-def test_two_servos_on_pan_leave_none_for_tilt(user: User) -> None:
+def test_two_servos_on_pan_leave_none_for_tilt(user):
     user.bench = Bench([SimulatedServo(n, "XL430-W250", position=2048) for n in (5, 9)])
     user.poses = [{}, {5: 1000, 9: 1000}, {5: 3000, 9: 3000}, {}, {}, {}, {}]
     user.answers = "\n\n\ny\n"
@@ -243,12 +236,12 @@ def test_two_servos_on_pan_leave_none_for_tilt(user: User) -> None:
     ],
     ids=["tilt is missing", "same", "range", "beyond the servo"],
 )
-def test_impossible_options_are_refused(user: User, arguments: tuple[str, ...]) -> None:
+def test_impossible_options_are_refused(user, arguments):
     assert user.run(*arguments, "--yes") == REFUSED
     assert user.files == []
 
 
-def test_servos_that_do_not_answer_and_a_missing_folder_are_errors(user: User) -> None:
+def test_servos_that_do_not_answer_and_a_missing_folder_are_errors(user):
     assert user.run("--pan", "7", "--tilt", "5", "--yes") == FAILED
     for folder in (str(user.folder / "none"), "/proc"):  # nothing can be written into /proc
         assert user.run("--folder", folder, "--yes") == FAILED  # before the head is moved by hand

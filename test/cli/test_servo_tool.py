@@ -7,7 +7,6 @@ import subprocess
 import sys
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from random import Random
 
 import pytest
@@ -85,7 +84,7 @@ class Tool(Bench):
 
 
 @pytest.fixture
-def bench(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Tool:
+def bench(capsys, monkeypatch):
     return Tool(capsys, monkeypatch)
 
 
@@ -93,9 +92,7 @@ def bench(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -
 
 
 @pytest.mark.parametrize(("ids", "any_rate"), [(["--ids", "0-10"], True), ([], False)])
-def test_scan_lists_each_servo_once_with_its_baud_rate(
-    bench: Tool, ids: list[str], any_rate: bool
-) -> None:
+def test_scan_lists_each_servo_once_with_its_baud_rate(bench, ids, any_rate):
     bench.accepts_any_rate = any_rate
     bench[2].set_register("Baud Rate", 34)
     bench[8].set_register("Status Return Level", 0)
@@ -109,7 +106,7 @@ def test_scan_lists_each_servo_once_with_its_baud_rate(
     assert "set-id" not in bench.messages
 
 
-def test_scan_uses_the_rate_of_the_port_and_fails_without_servos(bench: Tool) -> None:
+def test_scan_uses_the_rate_of_the_port_and_fails_without_servos(bench):
     bench[2].set_register("Baud Rate", 34)
     for arguments in (("--baud", "57600", "scan"), ("scan", "--baud", "57600")):
         assert bench.run(*arguments, "--ids", "0-10") == DONE
@@ -119,7 +116,7 @@ def test_scan_uses_the_rate_of_the_port_and_fails_without_servos(bench: Tool) ->
 
 
 @pytest.mark.parametrize("rate", ["117600", "57600"])
-def test_scan_skips_rates_that_adapter_or_port_do_not_support(bench: Tool, rate: str) -> None:
+def test_scan_skips_rates_that_adapter_or_port_do_not_support(bench, rate):
     bench.impossible = 57_600
     assert bench.run("scan", "--bauds", rate, "1000000", "--ids", "1") == DONE
     assert rate in bench.messages
@@ -137,9 +134,7 @@ def test_scan_skips_rates_that_adapter_or_port_do_not_support(bench: Tool, rate:
         (("AX-12", "XL430-W250"), ["--ids", "0-5"]),
     ],
 )
-def test_scan_warns_of_two_servos_with_one_id(
-    bench: Tool, models: tuple[str, str], ids: list[str]
-) -> None:
+def test_scan_warns_of_two_servos_with_one_id(bench, models, ids):
     first, second = models
     bench.bus = SimulatedBus([SimulatedServo(1, first), SimulatedServo(1, second, position=300)])
     bench.accepts_any_rate = True
@@ -148,7 +143,7 @@ def test_scan_warns_of_two_servos_with_one_id(
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_scan_finds_servos_whose_answers_are_sometimes_lost(bench: Tool, seed: int) -> None:
+def test_scan_finds_servos_whose_answers_are_sometimes_lost(bench, seed):
     bench.bus = SimulatedBus(bench.bus, faults=Faults(Random(seed), 0.2, [Fault.DROP]))
     assert bench.run("scan", "--bauds", "1000000", "--ids", "0-10") == DONE
     assert [row[1] for row in bench.rows()] == ["1", "2", "7", "8"]
@@ -157,7 +152,7 @@ def test_scan_finds_servos_whose_answers_are_sometimes_lost(bench: Tool, seed: i
 # info
 
 
-def test_info_shows_all_registers_in_units(bench: Tool) -> None:
+def test_info_shows_all_registers_in_units(bench):
     assert bench.run("info", "7") == DONE
     assert "servo 7: XL430-W250, protocol 2.0" in bench.output
     for register in XL430.control_table:
@@ -170,9 +165,7 @@ def test_info_shows_all_registers_in_units(bench: Tool) -> None:
 
 @pytest.mark.parametrize("servo_id", ["1", "7"])
 @pytest.mark.parametrize("kind", [Fault.DROP, Fault.CORRUPT, Fault.STALL])
-def test_info_reads_a_servo_whose_answers_are_often_lost_damaged_or_late(
-    bench: Tool, servo_id: str, kind: Fault
-) -> None:
+def test_info_reads_a_servo_whose_answers_are_often_lost_damaged_or_late(bench, servo_id, kind):
     bench.bus = SimulatedBus(bench.bus, faults=Faults(Random(1), 0.25, [kind]))
     assert bench.run("info", servo_id) == DONE, bench.messages
     assert "1000000 baud" in bench.output
@@ -182,9 +175,7 @@ def test_info_reads_a_servo_whose_answers_are_often_lost_damaged_or_late(
     "command",
     [("info", "44"), ("info", "1"), ("--port", "/dev/none", "info", "7"), ("relax", "44")],
 )
-def test_a_command_for_a_servo_or_port_that_does_not_answer_fails(
-    bench: Tool, command: tuple[str, ...]
-) -> None:
+def test_a_command_for_a_servo_or_port_that_does_not_answer_fails(bench, command):
     bench[1].set_register("Status Return Level", 0)
     assert bench.run(*command) == FAILED
     assert bench.messages and not bench.output
@@ -206,9 +197,7 @@ def test_a_command_for_a_servo_or_port_that_does_not_answer_fails(
         (7, "Bus Watchdog", "1s", 50),
     ],
 )
-def test_set_accepts_names_addresses_counts_and_quantities(
-    bench: Tool, servo_id: int, name: str, text: str, value: int
-) -> None:
+def test_set_accepts_names_addresses_counts_and_quantities(bench, servo_id, name, text, value):
     bench[servo_id].set_register("Torque Enable", int(name == "Profile Velocity"))
     assert bench.run("--yes", "set", str(servo_id), name, text) == DONE
     name = "Min Voltage Limit" if name == "12" else name
@@ -226,9 +215,7 @@ def test_set_accepts_names_addresses_counts_and_quantities(
         (8, {"Torque Enable": 1}, ("Temperature Limit", "60")),
     ],
 )
-def test_set_refuses_what_could_do_harm(
-    bench: Tool, servo_id: int, state: dict[str, int], command: tuple[str, str]
-) -> None:
+def test_set_refuses_what_could_do_harm(bench, servo_id, state, command):
     for name, value in state.items():
         bench[servo_id].set_register(name, value)
     before = bench[servo_id].register(command[0])
@@ -237,7 +224,7 @@ def test_set_refuses_what_could_do_harm(
 
 
 @pytest.mark.parametrize(("answer", "code"), [("y\n", DONE), ("\n", REFUSED)])
-def test_set_asks_before_it_writes_eeprom(bench: Tool, answer: str, code: int) -> None:
+def test_set_asks_before_it_writes_eeprom(bench, answer, code):
     bench.answers = answer
     assert bench.run("set", "7", "temperature limit", "60") == code
     assert bench[7].register("Temperature Limit") == (60 if code == DONE else 72)
@@ -254,28 +241,26 @@ def test_set_asks_before_it_writes_eeprom(bench: Tool, answer: str, code: int) -
         ("Goal Position", ["1e99"]),
     ],
 )
-def test_set_of_impossible_values_fails(bench: Tool, register: str, values: list[str]) -> None:
+def test_set_of_impossible_values_fails(bench, register, values):
     for value in values:
         assert bench.run("--yes", "set", "7", register, value) == FAILED
 
 
-def test_two_servos_with_one_id_are_named(bench: Tool) -> None:
+def test_two_servos_with_one_id_are_named(bench):
     bench.bus = SimulatedBus([SimulatedServo(1, AX_12), SimulatedServo(1, "MX-28")])
     bench.accepts_any_rate = True
     assert bench.run("info", "1") == FAILED
     assert "two servos answer as id 1" in bench.messages
 
 
-def test_a_feetech_servo_is_set_to_damping(bench: Tool) -> None:
+def test_a_feetech_servo_is_set_to_damping(bench):
     bench.bus = SimulatedBus([SimulatedServo(4, "STS3215")])
     assert bench.run("set", "4", "Torque Enable", "2") == DONE
     assert bench[4].register("Torque Enable") == 2
 
 
 @pytest.mark.parametrize(("servo_id", "register"), [(1, "Moving Speed"), (7, "Goal Position")])
-def test_a_goal_needs_torque_and_torque_on_keeps_the_present_position(
-    bench: Tool, servo_id: int, register: str
-) -> None:
+def test_a_goal_needs_torque_and_torque_on_keeps_the_present_position(bench, servo_id, register):
     servo, number = bench[servo_id], str(servo_id)
     servo.set_register("Goal Position", 900)
     stands = servo.true_ticks
@@ -290,9 +275,7 @@ def test_a_goal_needs_torque_and_torque_on_keeps_the_present_position(
 
 
 @pytest.mark.parametrize(("servo_id", "level"), [(1, 0), (7, 1), (8, 0)])
-def test_the_status_return_level_can_be_set_and_restored(
-    bench: Tool, servo_id: int, level: int
-) -> None:
+def test_the_status_return_level_can_be_set_and_restored(bench, servo_id, level):
     assert bench.run("--yes", "set", str(servo_id), "Status Return Level", str(level)) == DONE
     assert bench[servo_id].register("Status Return Level") == level
     model = bench[servo_id].model.name
@@ -307,8 +290,8 @@ def test_the_status_return_level_can_be_set_and_restored(
     [(1, "Moving Speed", "n\n"), (8, "Moving Speed", "y\n"), (7, "Profile Velocity", "n\n")],
 )
 def test_full_speed_is_set_by_its_name_and_a_goal_at_it_needs_confirmation(
-    bench: Tool, servo_id: int, register: str, answer: str
-) -> None:
+    bench, servo_id, register, answer
+):
     number = str(servo_id)
     assert bench.run("set", number, "Torque Enable", "1") == DONE
     for zero in ("0", "0.001 rad/s"):
@@ -327,9 +310,7 @@ def test_full_speed_is_set_by_its_name_and_a_goal_at_it_needs_confirmation(
 
 
 @pytest.mark.parametrize(("servo_id", "answer"), [(1, "y\n"), (7, "n\n")])
-def test_torque_on_outside_the_limits_needs_confirmation(
-    bench: Tool, servo_id: int, answer: str
-) -> None:
+def test_torque_on_outside_the_limits_needs_confirmation(bench, servo_id, answer):
     servo, low = bench[servo_id], servo_id == 1
     servo.set_register("CCW Angle Limit" if low else "Min Position Limit", 400 if low else 1500)
     stands = round(servo.true_ticks)
@@ -340,20 +321,20 @@ def test_torque_on_outside_the_limits_needs_confirmation(
     assert servo.register("Torque Enable") == (code == DONE)
 
 
-def test_torque_on_is_refused_after_more_than_a_turn_by_hand(bench: Tool) -> None:
+def test_torque_on_is_refused_after_more_than_a_turn_by_hand(bench):
     bench.turn_by_hand(7, 5000)
     assert bench.run("set", "7", "Torque Enable", "1") == REFUSED
     assert bench[7].register("Torque Enable") == 0
 
 
-def test_what_was_set_is_shown_in_counts_and_in_its_unit(bench: Tool) -> None:
+def test_what_was_set_is_shown_in_counts_and_in_its_unit(bench):
     assert bench.run("--yes", "set", "1", "Return Delay Time", "100us") == DONE
     assert bench.output == "servo 1: Return Delay Time = 50, 100 µs\n"
     assert bench.run("set-baud", "1", "12345") == FAILED
     assert bench.messages.endswith(" 19200 baud, 9600 baud\n")  # not the counts of the register
 
 
-def test_common_options_may_come_after_the_command(bench: Tool) -> None:
+def test_common_options_may_come_after_the_command(bench):
     assert bench.run("set", "7", "Temperature Limit", "60", "--yes") == DONE
     assert bench[7].register("Temperature Limit") == 60
     assert bench.run("info", "1", "--port", "/dev/none") == FAILED
@@ -369,9 +350,7 @@ def test_common_options_may_come_after_the_command(bench: Tool) -> None:
     ("rate", "arguments"),
     [(1_000_000, ["set", "7", "Goal Position", "1100"]), (57_600, ["info", "7"])],
 )
-def test_a_command_that_an_error_shows_can_be_typed(
-    bench: Tool, rate: int, arguments: list[str]
-) -> None:
+def test_a_command_that_an_error_shows_can_be_typed(bench, rate, arguments):
     """It names program, port and baud rate: the defaults are perhaps those of another robot."""
     code = {value: key for key, value in bench[7].model.baud_rates.items()}[rate]
     bench[7].set_register("Baud Rate", code)
@@ -387,7 +366,7 @@ def test_a_command_that_an_error_shows_can_be_typed(
 # set-id, set-baud
 
 
-def test_set_id_sets_a_free_id(bench: Tool) -> None:
+def test_set_id_sets_a_free_id(bench):
     bench.answers = "n\n"
     assert bench.run("set-id", "1", "5") == REFUSED
     assert bench.run("--yes", "set-id", "7", "253") == FAILED  # of protocol 1 only
@@ -401,7 +380,7 @@ def test_set_id_sets_a_free_id(bench: Tool) -> None:
 
 
 @pytest.mark.parametrize("servo_id", [1, 7, 8])
-def test_set_baud_changes_the_rate_and_checks_it(bench: Tool, servo_id: int) -> None:
+def test_set_baud_changes_the_rate_and_checks_it(bench, servo_id):
     assert bench.run("--yes", "set-baud", str(servo_id), "57600") == DONE
     assert bench[servo_id].baud_rate == 57_600
     assert bench.run("--baud", "57600", "--yes", "set-baud", str(servo_id), "1000000") == DONE
@@ -417,9 +396,7 @@ def test_set_baud_changes_the_rate_and_checks_it(bench: Tool, servo_id: int) -> 
         (1, ("set", "1", "Baud Rate", "99"), 0),  # a code of no rate
     ],
 )
-def test_unsupported_rates_are_refused(
-    bench: Tool, servo_id: int, command: tuple[str, ...], rate: int
-) -> None:
+def test_unsupported_rates_are_refused(bench, servo_id, command, rate):
     bench.impossible = rate
     assert bench.run("--yes", *command) == FAILED
     assert bench[servo_id].baud_rate == 1_000_000
@@ -428,7 +405,7 @@ def test_unsupported_rates_are_refused(
 # relax, monitor
 
 
-def test_relax_switches_torque_off_and_changes_no_other_register(bench: Tool) -> None:
+def test_relax_switches_torque_off_and_changes_no_other_register(bench):
     for servo in bench.bus:
         servo.set_register("Torque Enable", 1)
     bench[7].set_register("Moving Threshold", 7)  # has the address of an AX-12's Torque Enable
@@ -439,7 +416,7 @@ def test_relax_switches_torque_off_and_changes_no_other_register(bench: Tool) ->
     assert bench[7].register("Moving Threshold") == 7
 
 
-def test_relax_of_all_reads_back_and_relaxes_the_others_too(bench: Tool) -> None:
+def test_relax_of_all_reads_back_and_relaxes_the_others_too(bench):
     for servo in bench.bus:
         servo.set_register("Torque Enable", 1)
     bench.bus.faults = Faults(Random(3), 0.2, [Fault.DEAFNESS])
@@ -452,7 +429,7 @@ def test_relax_of_all_reads_back_and_relaxes_the_others_too(bench: Tool) -> None
     assert bench.run("--baud", "57600", "relax") == FAILED  # nobody hears that
 
 
-def test_monitor_shows_measured_values(bench: Tool) -> None:
+def test_monitor_shows_measured_values(bench):
     bench[8].supply_voltage = 9.5
     assert bench.run("monitor", "--count", "2", "--rate", "5") == DONE
     rows = {line.split()[0]: line for line in bench.output.splitlines()[-4:]}
@@ -465,7 +442,7 @@ def test_monitor_shows_measured_values(bench: Tool) -> None:
     assert max(map(len, bench.output.splitlines())) <= 80
 
 
-def test_monitor_ends_when_the_reader_of_its_output_has_ended() -> None:
+def test_monitor_ends_when_the_reader_of_its_output_has_ended():
     with SimulatedPort([SimulatedServo(1)]) as port:
         command = [sys.executable, "-m", "head_tracking", "servo", "--port", port.port_name]
         with subprocess.Popen([*command, "monitor", "1"], stdout=subprocess.PIPE) as process:
@@ -475,15 +452,15 @@ def test_monitor_ends_when_the_reader_of_its_output_has_ended() -> None:
             assert process.wait(60.0) == DONE
 
 
-def test_monitor_shows_servos_that_stop_answering(bench: Tool) -> None:
+def test_monitor_shows_servos_that_stop_answering(bench):
     looks = []
 
-    def leave(seconds: float) -> None:
+    def leave(seconds):
         looks.append(seconds)
         bench[2].power_off()
         bench.clock.now += round(seconds * 1e9)
 
-    bench.pass_time = leave  # type: ignore[method-assign]
+    bench.pass_time = leave
     assert bench.run("monitor", "1", "2", "--count", "2") == DONE
     last = bench.output.splitlines()[-1]
     assert last.split()[0] == "2" and "no answer" in last and "300" in last
@@ -492,7 +469,7 @@ def test_monitor_shows_servos_that_stop_answering(bench: Tool) -> None:
 # calibrate
 
 
-def test_calibrate_writes_zero_range_and_direction(bench: Tool, tmp_path: Path) -> None:
+def test_calibrate_writes_zero_range_and_direction(bench, tmp_path):
     bench[1].set_register("Torque Enable", 1)
     bench.answers = "y\n"
     bench.move_by_hand(1, 520)
@@ -514,7 +491,7 @@ def test_calibrate_writes_zero_range_and_direction(bench: Tool, tmp_path: Path) 
         assert [motor[key] for key in ("init", "min", "max")] == pytest.approx(ticks, abs=error)
 
 
-def test_calibrate_keeps_the_earlier_file_if_the_disk_is_full(bench: Tool, tmp_path: Path) -> None:
+def test_calibrate_keeps_the_earlier_file_if_the_disk_is_full(bench, tmp_path):
     file = tmp_path / "head.yaml"
     file.write_text("precious")
     file.with_name(f".{file.name}.{os.getpid()}.draft").symlink_to("/dev/full")
@@ -527,16 +504,14 @@ def test_calibrate_keeps_the_earlier_file_if_the_disk_is_full(bench: Tool, tmp_p
 @pytest.mark.parametrize(
     ("servo_id", "poses"), [(1, (512, 512, 520)), (1, (100, 300, 800)), (7, (2048, 3500, 4500))]
 )
-def test_impossible_poses_are_refused(
-    bench: Tool, tmp_path: Path, servo_id: int, poses: tuple[int, ...]
-) -> None:
+def test_impossible_poses_are_refused(bench, tmp_path, servo_id, poses):
     bench.move_by_hand(servo_id, *poses)
     file = tmp_path / "head.yaml"
     assert bench.run("calibrate", f"head_pan:{servo_id}", "--output", str(file)) == REFUSED
     assert not bench.on_enter and not file.exists()
 
 
-def test_what_calibrate_refuses_changes_nothing(bench: Tool, tmp_path: Path) -> None:
+def test_what_calibrate_refuses_changes_nothing(bench, tmp_path):
     file = tmp_path / "head.yaml"
     file.write_text("precious")
     bench[1].set_register("Torque Enable", 1)
@@ -560,14 +535,14 @@ def test_what_calibrate_refuses_changes_nothing(bench: Tool, tmp_path: Path) -> 
 
 
 @pytest.fixture
-def feetech(bench: Tool) -> Tool:
+def feetech(bench):
     bench.bus = SimulatedBus(
         [SimulatedServo(1, "STS3215"), SimulatedServo(2, "STS3032", position=1000)]
     )
     return bench
 
 
-def test_scan_and_info_know_feetech_servos(feetech: Tool) -> None:
+def test_scan_and_info_know_feetech_servos(feetech):
     feetech[1].set_register("Baud Rate", 1)
     assert feetech.run("scan", "--bauds", "1000000", "500000", "--ids", "0-5") == DONE
     assert feetech.rows() == [
@@ -591,9 +566,7 @@ def test_scan_and_info_know_feetech_servos(feetech: Tool) -> None:
         (["set-baud", "1", "500000"], "Baud Rate", 1),
     ],
 )
-def test_feetech_registers_persist_without_power(
-    feetech: Tool, arguments: list[str], register: str, value: int
-) -> None:
+def test_feetech_registers_persist_without_power(feetech, arguments, register, value):
     servo = feetech[1]
     assert feetech.run("--yes", *arguments) == DONE
     assert servo.register("EEPROM Lock") == 1
@@ -602,7 +575,7 @@ def test_feetech_registers_persist_without_power(
     assert servo.register(register) == value
 
 
-def test_relax_of_all_relaxes_feetech_servos_and_leaves_their_start_torque(feetech: Tool) -> None:
+def test_relax_of_all_relaxes_feetech_servos_and_leaves_their_start_torque(feetech):
     for servo in feetech.bus:
         servo.set_register("Torque Enable", 1)
     assert feetech.run("relax") == DONE

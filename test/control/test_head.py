@@ -3,8 +3,7 @@
 import signal
 import threading
 import time
-from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from functools import partial
 
@@ -21,7 +20,7 @@ from head_tracking.transforms import TransformBuffer
 
 
 @pytest.fixture
-def servos(tmp_path) -> Iterator[Servos]:
+def servos(tmp_path):
     with closing(Servos(tmp_path / "servos")) as servos:
         yield servos
 
@@ -143,7 +142,7 @@ def test_resume_is_refused_if_its_torque_is_cut_by_a_relax_that_was_called_befor
             bus.requests.advance(bus.requests.under_way[-1])
         return relax(bus, *arguments, **named)
 
-    resumed: list[Future[None]] = []
+    resumed = []
     monkeypatch.setattr(ServoBus, "relax_at_once", resuming_before)
     with Head.simulated() as head, ThreadPoolExecutor() as threads:
         head.relax()

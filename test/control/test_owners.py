@@ -109,8 +109,8 @@ def test_random_requests_match_a_model(requests):
     clock = Clock()
     owners = JointOwners(clock=clock)
     nobody = ("", math.inf)
-    model: dict[str, tuple[str, float]] = dict.fromkeys(JOINTS, nobody)
-    before: dict[str, tuple[str, float]] = {}
+    model = dict.fromkeys(JOINTS, nobody)
+    before = {}
     stopped = False
     for request in requests:
         model = {j: own if clock.now < own[1] else nobody for j, own in model.items()}

@@ -4,7 +4,6 @@ import math
 import os
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import pytest
 from dynamixel_fakes import (
@@ -20,7 +19,6 @@ from dynamixel_fakes import (
 from simulated_device import PERIOD, Bench, joint_of
 
 from head_tracking.dynamixel import (
-    BusEvent,
     ConfigurationError,
     EventKind,
     Goal,
@@ -42,7 +40,7 @@ JOINTS = (PAN, TILT)
 # Connecting
 
 
-def test_connect_relaxes_every_servo_and_writes_nothing_else() -> None:
+def test_connect_relaxes_every_servo_and_writes_nothing_else():
     rig = FakeRig(connect=False)
     rig.pan["Torque Enable"] = rig.tilt["Torque Enable"] = 1
     rig.bus.connect()
@@ -52,7 +50,7 @@ def test_connect_relaxes_every_servo_and_writes_nothing_else() -> None:
         assert ("read", servo_id, 24, 1) in rig.log[written:]  # verified
 
 
-def test_connect_names_missing_ids_after_a_second_try() -> None:
+def test_connect_names_missing_ids_after_a_second_try():
     rig = FakeRig(connect=False)
     rig.tilt.answers = False
     with pytest.raises(ServoNotFoundError) as info:
@@ -65,7 +63,7 @@ def test_connect_names_missing_ids_after_a_second_try() -> None:
 
 
 @pytest.mark.parametrize("first", [1, 2, 5])
-def test_connect_asks_again_if_a_servo_that_answers_pings_then_falls_silent(first: int) -> None:
+def test_connect_asks_again_if_a_servo_that_answers_pings_then_falls_silent(first):
     """Beside other work a Python program may miss all replies for a while."""
     rig = FakeRig(connect=False)
     rig.tilt.mute.extend([False] * first + [True] * 6)
@@ -74,7 +72,7 @@ def test_connect_asks_again_if_a_servo_that_answers_pings_then_falls_silent(firs
     assert len(rig.step().states) == 2
 
 
-def test_many_servos_of_another_model_are_refused_soon() -> None:
+def test_many_servos_of_another_model_are_refused_soon():
     rig = FakeRig(
         *[replace(PAN, joint_name=f"j{i}", controller=f"c{i}", id=i) for i in range(9)],
         connect=False,
@@ -96,9 +94,7 @@ def test_many_servos_of_another_model_are_refused_soon() -> None:
         ({}, {24}, ServoError, "Torque Enable"),
     ],
 )
-def test_connect_refuses_a_servo_that_it_cannot_use(
-    registers: dict[str, int], ignored: set[int], error: type[Exception], message: str
-) -> None:
+def test_connect_refuses_a_servo_that_it_cannot_use(registers, ignored, error, message):
     rig = FakeRig(connect=False)
     servo = rig.pan
     for name, value in {"Torque Enable": 1, **registers}.items():
@@ -132,8 +128,8 @@ X, STS = "XL430-W250", "STS3215"
     ],
 )
 def test_a_servo_that_is_set_up_otherwise_is_refused_and_relaxed(
-    name: str, register: str, value: int, options: dict[str, Any], refused: bool
-) -> None:
+    name, register, value, options, refused
+):
     model = servo_model(name)
     servo = SimulatedServo(1, model)
     servo.set_register(register, value)
@@ -143,7 +139,7 @@ def test_a_servo_that_is_set_up_otherwise_is_refused_and_relaxed(
     assert servo.register(register) == value
 
 
-def test_servos_own_angle_limits_narrow_the_range() -> None:
+def test_servos_own_angle_limits_narrow_the_range():
     rig = FakeRig(connect=False)
     rig.pan["CW Angle Limit"] = 400
     rig.tilt["CCW Angle Limit"] = 700
@@ -156,7 +152,7 @@ def test_servos_own_angle_limits_narrow_the_range() -> None:
         rig.bus.connect()
 
 
-def test_bus_must_be_connected() -> None:
+def test_bus_must_be_connected():
     bus = FakeRig(connect=False).bus
     for use in (
         bus.step,
@@ -170,7 +166,7 @@ def test_bus_must_be_connected() -> None:
 # Reading
 
 
-def test_reading_has_si_units() -> None:
+def test_reading_has_si_units():
     rig = FakeRig(connect=False)
     servo = rig.pan
     servo["Present Position"] = 612
@@ -190,7 +186,7 @@ def test_reading_has_si_units() -> None:
     assert servo.errors == ErrorBits.INPUT_VOLTAGE
 
 
-def test_stamp_is_when_the_servo_had_heard_the_request() -> None:
+def test_stamp_is_when_the_servo_had_heard_the_request():
     bench = Bench([SimulatedServo(1), SimulatedServo(2)])
     bus = bench.servo_bus(JOINTS)
     bus.connect()
@@ -204,9 +200,7 @@ def test_stamp_is_when_the_servo_had_heard_the_request() -> None:
 
 
 @pytest.mark.parametrize("register", ["Present Position", "Present Speed", "Present Load"])
-def test_impossible_feedback_counts_as_corrupt_and_is_asked_for_again_at_once(
-    rig: FakeRig, register: str
-) -> None:
+def test_impossible_feedback_counts_as_corrupt_and_is_asked_for_again_at_once(rig, register):
     rig.pan[register] = 0xFFFF
     assert set(rig.step().states) == {"head_tilt_joint"}
     assert [request[:2] for request in rig.log[:3]] == [("read", 1), ("read", 1), ("read", 2)]
@@ -217,9 +211,7 @@ def test_impossible_feedback_counts_as_corrupt_and_is_asked_for_again_at_once(
 # Losing and finding servos
 
 
-def test_a_command_that_came_while_its_servo_went_missing_moves_nothing_when_it_returns(
-    rig: FakeRig,
-) -> None:
+def test_a_command_that_came_while_its_servo_went_missing_moves_nothing_when_it_returns(rig):
     rig.pan.answers = False
     rig.step(4)
     rig.bus.command({"head_pan_joint": Goal(0.1)})
@@ -231,13 +223,13 @@ def test_a_command_that_came_while_its_servo_went_missing_moves_nothing_when_it_
     assert rig.pan["Torque Enable"] == 0
 
 
-def test_another_servo_in_its_place_is_not_used_and_relaxed_and_reported(rig: FakeRig) -> None:
+def test_another_servo_in_its_place_is_not_used_and_relaxed_and_reported(rig):
     rig.pan.answers = False
     rig.step(5)
     rig.pan.answers = True
     rig.pan["Model Number"] = 29
     rig.pan["Torque Enable"] = 1
-    events: list[BusEvent] = []
+    events = []
     for _ in range(5):
         rig.bench.pass_time(0.6)
         events += rig.step().events
@@ -252,7 +244,7 @@ def test_another_servo_in_its_place_is_not_used_and_relaxed_and_reported(rig: Fa
 
 
 @pytest.mark.parametrize("kept", [True, False])
-def test_bus_goes_on_without_its_port_and_finds_it_again(rig: FakeRig, kept: bool) -> None:
+def test_bus_goes_on_without_its_port_and_finds_it_again(rig, kept):
     rig.switched_on(0.5)
     rig.bench.line.plugged = False
     reading = rig.step()
@@ -281,9 +273,7 @@ def test_bus_goes_on_without_its_port_and_finds_it_again(rig: FakeRig, kept: boo
     assert rig.pan["Torque Enable"] == kept
 
 
-def test_port_that_goes_between_two_cycles_is_found_again(
-    rig: FakeRig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_port_that_goes_between_two_cycles_is_found_again(rig, monkeypatch):
     rig.bench.line.plugged = False
     with pytest.raises(TorqueError):
         run(rig.bus.switching_torque(["head_pan_joint"], True))
@@ -301,7 +291,7 @@ def test_port_that_goes_between_two_cycles_is_found_again(
 
 
 @pytest.mark.parametrize("on", [True, False])
-def test_port_that_goes_at_any_moment_is_found_again(on: bool) -> None:
+def test_port_that_goes_at_any_moment_is_found_again(on):
     """While one joint follows its goals and the torque of the other one is switched."""
     for moment in range(1, 25):
         rig = FakeRig().switched_on(0.5)
@@ -311,24 +301,22 @@ def test_port_that_goes_at_any_moment_is_found_again(on: bool) -> None:
         line, count = rig.bench.line, len(rig.log) + moment
         write = line.write
 
-        def write_until_then(
-            data: bytes, rig: FakeRig = rig, count: int = count, write: Any = write
-        ) -> None:
+        def write_until_then(data, rig=rig, count=count, write=write):
             rig.bench.line.plugged = len(rig.log) < count
             write(data)
 
-        line.write = write_until_then  # type: ignore[method-assign]
+        line.write = write_until_then
         kinds = []
         for _ in range(8):  # the steps of the request are taken within the cycles
             rig.bench.pass_time(PERIOD)
             kinds += [event.kind for event in rig.bus.step().events]
         assert kinds.count(EventKind.PORT_LOST) == 1, moment
-        line.write, line.plugged = write, True  # type: ignore[method-assign]
+        line.write, line.plugged = write, True
         rig.bench.pass_time(0.3)
         assert set(rig.step(5).states) == {"head_pan_joint", "head_tilt_joint"}
 
 
-def test_bus_starts_without_a_servo_if_it_may() -> None:
+def test_bus_starts_without_a_servo_if_it_may():
     rig = FakeRig(connect=False)
     rig.tilt.answers = False
     assert rig.bus.connect(allow_missing=True) == "1 AX-12 servo: id 1"
@@ -346,7 +334,7 @@ def test_bus_starts_without_a_servo_if_it_may() -> None:
 # Torque: what reaches the wire, and what never does
 
 
-def test_the_first_command_holds_the_servo_where_it_stands_before_it_moves() -> None:
+def test_the_first_command_holds_the_servo_where_it_stands_before_it_moves():
     rig = FakeRig(connect=False)
     rig.pan["Present Position"] = 450
     rig.connect()
@@ -363,9 +351,7 @@ def test_the_first_command_holds_the_servo_where_it_stands_before_it_moves() -> 
 
 
 @pytest.mark.parametrize(("present", "goal"), [(250, 300), (900, 800)])
-def test_servo_outside_its_limits_is_pinned_to_the_limit_at_the_lowest_speed(
-    present: int, goal: int
-) -> None:
+def test_servo_outside_its_limits_is_pinned_to_the_limit_at_the_lowest_speed(present, goal):
     rig = FakeRig(connect=False)
     rig.tilt["Present Position"] = present
     rig.connect()
@@ -374,7 +360,7 @@ def test_servo_outside_its_limits_is_pinned_to_the_limit_at_the_lowest_speed(
 
 
 @pytest.mark.parametrize("ignored", [False, True], ids=["refuses", "keeps its old goal"])
-def test_servo_that_does_not_take_the_goal_is_left_relaxed(rig: FakeRig, ignored: bool) -> None:
+def test_servo_that_does_not_take_the_goal_is_left_relaxed(rig, ignored):
     if ignored:
         rig.pan.ignored.add(GOAL)
     else:
@@ -393,7 +379,7 @@ def test_servo_that_does_not_take_the_goal_is_left_relaxed(rig: FakeRig, ignored
 # Commands
 
 
-def test_goals_of_all_joints_go_out_in_one_packet_and_are_repeated(rig: FakeRig) -> None:
+def test_goals_of_all_joints_go_out_in_one_packet_and_are_repeated(rig):
     rig.bus.command({"head_pan_joint": Goal(0.5, 1.0), "head_tilt_joint": Goal(-0.2, 0.5)})
     rig.step(2)
     expected = (
@@ -411,7 +397,7 @@ def test_goals_of_all_joints_go_out_in_one_packet_and_are_repeated(rig: FakeRig)
     assert rig.log == [("read", 1, 36, 8), ("read", 2, 36, 8), expected]
 
 
-def test_goal_without_speed_uses_the_joints_speed(rig: FakeRig) -> None:
+def test_goal_without_speed_uses_the_joints_speed(rig):
     rig.bus.command({"head_pan_joint": Goal(0.5)})
     rig.step(2)
     assert rig.pan["Moving Speed"] == speed_ticks(PAN, 2.0)
@@ -427,7 +413,7 @@ def test_goal_without_speed_uses_the_joints_speed(rig: FakeRig) -> None:
 
 
 @pytest.mark.parametrize(("speed", "ticks"), [(1e-12, 1), (5e-3, 1), (50.0, 86), (1e308, 86)])
-def test_speeds_are_neither_zero_on_the_wire_nor_above_the_limit(speed: float, ticks: int) -> None:
+def test_speeds_are_neither_zero_on_the_wire_nor_above_the_limit(speed, ticks):
     rig = FakeRig(replace(PAN, joint_speed=0.5, max_speed=1.0))
     rig.bus.command({"head_pan_joint": Goal(0.5, speed)})
     rig.step(2)
@@ -448,7 +434,7 @@ def test_speeds_are_neither_zero_on_the_wire_nor_above_the_limit(speed: float, t
         ({"head_pan_joint": Goal(0.1), "head_tilt_joint": Goal(-2.0)}, False),
     ],
 )
-def test_bad_command_is_refused_and_nothing_moves(goals: dict[str, Goal], clamp: bool) -> None:
+def test_bad_command_is_refused_and_nothing_moves(goals, clamp):
     rig = FakeRig()
     with pytest.raises(GoalError):
         rig.bus.command(goals, clamp=clamp)
@@ -467,8 +453,8 @@ def test_bad_command_is_refused_and_nothing_moves(goals: dict[str, Goal], clamp:
     ],
 )
 def test_a_position_outside_the_limits_is_clamped_and_that_is_reported_or_refused(
-    rig: FakeRig, position: float, ticks: int, clamps: bool
-) -> None:
+    rig, position, ticks, clamps
+):
     goals = {"head_tilt_joint": Goal(position)}
     if clamps:
         with pytest.raises(GoalError):
@@ -481,9 +467,7 @@ def test_a_position_outside_the_limits_is_clamped_and_that_is_reported_or_refuse
     assert rig.tilt["Goal Position"] == ticks
 
 
-def test_a_command_that_closing_overtakes_moves_nothing_when_the_bus_is_connected_again(
-    rig: FakeRig,
-) -> None:
+def test_a_command_that_closing_overtakes_moves_nothing_when_the_bus_is_connected_again(rig):
     rig.bus.command({"head_pan_joint": Goal(0.5)}, claim=lambda _: rig.bus.close())
     rig.bus.connect()
     rig.take_log()
@@ -495,10 +479,8 @@ def test_a_command_that_closing_overtakes_moves_nothing_when_the_bus_is_connecte
 
 
 @pytest.mark.parametrize("overtakes", [False, True])
-def test_a_command_before_its_joint_is_relaxed_is_dropped_and_no_failure(
-    rig: FakeRig, overtakes: bool
-) -> None:
-    def relax(_: object = None) -> None:
+def test_a_command_before_its_joint_is_relaxed_is_dropped_and_no_failure(rig, overtakes):
+    def relax(_=None):
         run(rig.bus.switching_torque(["head_pan_joint"], False))
 
     rig.bus.command({"head_pan_joint": Goal(0.5)}, claim=relax if overtakes else None)

@@ -76,7 +76,7 @@ class Ordeal(Rig):
 
 @pytest.mark.parametrize("kind", Fault, ids=lambda kind: kind.name.lower())
 @pytest.mark.parametrize("names", [["AX-12", "XM430-W350"], ["STS3215", "STS3215"]], ids="+".join)
-def test_each_fault_is_survived_and_passes(names: list[str], kind: Fault) -> None:
+def test_each_fault_is_survived_and_passes(names, kind):
     ordeal = Ordeal(names, (kind,))
     ordeal.run(60, 0.15)
     assert ordeal.faults.counts[kind] > 3
@@ -90,7 +90,7 @@ def test_each_fault_is_survived_and_passes(names: list[str], kind: Fault) -> Non
 @pytest.mark.parametrize(
     "names", [["AX-12", "XM430-W350"], ["MX-28", "MX-28"], ["XL430-W250", "XL430-W250", "XL-320"]]
 )
-def test_all_faults_at_once_on_mixed_models(names: list[str]) -> None:
+def test_all_faults_at_once_on_mixed_models(names):
     ordeal = Ordeal(names, tuple(Fault), seed=7)
     ordeal.run(300, 0.05)
     readings = ordeal.run(100, 0.0)
@@ -114,9 +114,7 @@ HALF = (Fault.MISHEARING, Fault.CORRUPT, Fault.TRUNCATE)
         (["XM430-W350"] * 3, HALF, 5, 0.3),
     ],
 )
-def test_the_driver_never_speaks_while_a_servo_does(
-    names: list[str], kinds: tuple[Fault, ...], seed: int, rate: float
-) -> None:
+def test_the_driver_never_speaks_while_a_servo_does(names, kinds, seed, rate):
     ordeal = Ordeal(names, kinds, seed)
     ordeal.run(200, rate)
     overlaps = ordeal.bench.line.overlaps
@@ -135,7 +133,7 @@ class Misheard(OnAnswers):
         return data, []
 
 
-def test_a_servo_that_has_misheard_the_length_of_a_packet_is_read_again_within_100_ms() -> None:
+def test_a_servo_that_has_misheard_the_length_of_a_packet_is_read_again_within_100_ms():
     misheard = Misheard(lambda answer: (answer,))
     servos = [SimulatedServo(1), SimulatedServo(2, "XM430-W350")]
     rig = Rig(SimulatedBus(servos, faults=misheard))
@@ -159,9 +157,7 @@ def stalled(*stalls: int) -> OnAnswers:
 
 @pytest.mark.parametrize("first", [(), (3_900_000,), (6_300_000, 4_200_000)])
 @pytest.mark.parametrize("name", ["AX-12", "XM430-W350", "STS3215"])
-def test_late_answers_to_writes_are_not_taken_for_the_next_ones(
-    name: str, first: tuple[int, ...]
-) -> None:
+def test_late_answers_to_writes_are_not_taken_for_the_next_ones(name, first):
     model = servo_model(name)
     torque = model.control_table["Torque Enable"].address
     for stall in range(0, 5_000_000, 145_000):
@@ -177,11 +173,11 @@ def test_late_answers_to_writes_are_not_taken_for_the_next_ones(
         assert overlaps[Overlap.REQUEST] == overlaps[Overlap.STATUS] == 0, stall
 
 
-def test_a_late_answer_of_another_protocol_is_not_taken_for_a_damaged_one() -> None:
+def test_a_late_answer_of_another_protocol_is_not_taken_for_a_damaged_one():
     for late in range(1_500_000, 4_000_000, 58_000):
         delays = [0, 0, late]  # of the answers to two writes and a read
 
-        def line(answer: Answer, delays: list[int] = delays) -> Iterator[Answer]:
+        def line(answer, delays=delays):
             yield replace(answer, late=delays.pop(0)) if delays else answer
 
         servos = [SimulatedServo(1), SimulatedServo(2, "XM430-W350")]

@@ -30,7 +30,6 @@ from head_tracking.dynamixel.protocol import (
 from head_tracking.dynamixel.reading import ReadGroup
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import (
-    Answer,
     SimulatedBus,
     SimulatedClock,
     SimulatedLine,
@@ -54,7 +53,7 @@ class Catcher:
 
 
 @given(st.integers(0, 252), st.sampled_from([1, 2, 3, 4, 5, 6]), st.binary(max_size=60))
-def test_packets_are_those_of_the_sdk(servo_id: int, code: int, parameters: bytes) -> None:
+def test_packets_are_those_of_the_sdk(servo_id, code, parameters):
     port = Catcher()
     handler = Protocol1PacketHandler()
     size = len(parameters) + 2
@@ -78,9 +77,7 @@ protocols = st.sampled_from([1, 2])
 
 
 @given(protocols, statuses, st.binary(max_size=20).filter(lambda noise: b"\xff" not in noise))
-def test_what_a_servo_sends_is_found_and_decoded(
-    protocol: int, sent: simulated.Status, noise: bytes
-) -> None:
+def test_what_a_servo_sends_is_found_and_decoded(protocol, sent, noise):
     packet = simulated.encode_status(protocol, sent)
     found = find_packet(protocol, noise + packet)
     assert found == (packet, len(noise) + len(packet), False)
@@ -88,7 +85,7 @@ def test_what_a_servo_sends_is_found_and_decoded(
 
 
 @pytest.mark.parametrize("protocol", [1, 2])
-def test_packet_that_is_too_long_is_refused(protocol: int) -> None:
+def test_packet_that_is_too_long_is_refused(protocol):
     with pytest.raises(CommunicationError):
         encode_packet(protocol, 1, Instruction.WRITE, bytes(2000))
 
@@ -123,7 +120,7 @@ class ScriptedDevice:
 
 def scripted(answer: str) -> tuple[DynamixelPort, ScriptedDevice]:
     device = ScriptedDevice(answer)
-    port = DynamixelPort("scripted", reply_timeout=1e-6, open_device=lambda *_: device)  # type: ignore[arg-type,return-value]
+    port = DynamixelPort("scripted", reply_timeout=1e-6, open_device=lambda *_: device)
     port.open()
     return port, device
 
@@ -146,7 +143,7 @@ POSITION_166 = "FF FF FD 00 01 08 00 55 00 A6 00 00 00 8C C0"
         READ,  # the echo of an adapter
     ],
 )
-def test_noise_before_a_reply_is_skipped(noise: str) -> None:
+def test_noise_before_a_reply_is_skipped(noise):
     port, _ = scripted(f"{noise} {POSITION_512}")
     assert port.read(1, 36, 2).data == b"\x00\x02"
 
@@ -166,13 +163,13 @@ def test_noise_before_a_reply_is_skipped(noise: str) -> None:
         "FF FF 01 04 10 00 02 E8",  # the servo received a damaged packet
     ],
 )
-def test_a_damaged_reply_is_an_error(reply: str) -> None:
+def test_a_damaged_reply_is_an_error(reply):
     port, _ = scripted(reply)
     with pytest.raises(CommunicationError):
         port.read(1, 36, 2)
 
 
-def test_the_late_reply_to_a_write_is_no_refusal_of_the_next_read() -> None:
+def test_the_late_reply_to_a_write_is_no_refusal_of_the_next_read():
     port, device = scripted("")
     with pytest.raises(ReplyTimeoutError):
         port.write(1, 24, b"\x00")
@@ -181,10 +178,10 @@ def test_the_late_reply_to_a_write_is_no_refusal_of_the_next_read() -> None:
 
 
 @pytest.mark.parametrize("model", ["AX-12", "XM430-W350"])
-def test_the_late_reply_to_a_ping_is_not_taken_for_the_reply_to_the_next(model: str) -> None:
+def test_the_late_reply_to_a_ping_is_not_taken_for_the_reply_to_the_next(model):
     late = iter([45_300_000])  # ns
 
-    def delay(answer: Answer) -> list[Answer]:
+    def delay(answer):
         return [replace(answer, late=next(late, 0))]
 
     servo = SimulatedServo(1, servo_model(model), boot_time=0.0)
@@ -215,9 +212,7 @@ groups = st.builds(
 
 
 @given(st.lists(pieces, max_size=6).map(b"".join), groups)
-def test_any_bytes_are_replies_of_the_right_length_or_errors(
-    answer: bytes, group: ReadGroup
-) -> None:
+def test_any_bytes_are_replies_of_the_right_length_or_errors(answer, group):
     port, _ = scripted(answer.hex())
     replies = port.read_group(group)
     assert len(replies) == len(group.ids)
@@ -334,7 +329,7 @@ def feedback(port: DynamixelPort, model: ServoModel) -> Status:
 
 @models
 @pytest.mark.parametrize("gap", [0.0, 0.0002, 0.01])
-def test_no_transaction_waits_long_for_a_second_master(gap: float, model: ServoModel) -> None:
+def test_no_transaction_waits_long_for_a_second_master(gap, model):
     made, _ = bench(gap, model)
     port = made.port
     for call in (
@@ -351,7 +346,7 @@ def test_no_transaction_waits_long_for_a_second_master(gap: float, model: ServoM
 
 
 @models
-def test_servos_are_read_between_the_packets_of_a_second_master(model: ServoModel) -> None:
+def test_servos_are_read_between_the_packets_of_a_second_master(model):
     made, master = bench(0.002, model)
     master.speaks = False
     expected = feedback(made.port, model).data
@@ -367,9 +362,7 @@ def test_servos_are_read_between_the_packets_of_a_second_master(model: ServoMode
 @models
 @pytest.mark.parametrize("gap", [0.00025, 0.005])
 @pytest.mark.parametrize("known", [False, True], ids=["unknown", "known"])
-def test_stop_is_sent_between_the_packets_of_a_second_master(
-    gap: float, known: bool, model: ServoModel
-) -> None:
+def test_stop_is_sent_between_the_packets_of_a_second_master(gap, known, model):
     for offset in range(0, 500_000, 37_000):
         made, master = bench(gap, model)
         if known:
@@ -387,7 +380,7 @@ def test_stop_is_sent_between_the_packets_of_a_second_master(
 
 
 @models
-def test_stop_that_finds_no_gap_is_sent_all_the_same(model: ServoModel) -> None:
+def test_stop_that_finds_no_gap_is_sent_all_the_same(model):
     made, master = bench(None, model)
     made.pass_time(0.01)
     begin = made.clock.now
@@ -398,7 +391,7 @@ def test_stop_that_finds_no_gap_is_sent_all_the_same(model: ServoModel) -> None:
 
 @models
 @pytest.mark.parametrize("gap", [0.00025, 0.005])
-def test_stop_relaxes_servos_or_reports_that_it_could_not(gap: float, model: ServoModel) -> None:
+def test_stop_relaxes_servos_or_reports_that_it_could_not(gap, model):
     rig = Rig(*(SimulatedServo(i, model) for i in (1, 2)))
     made = rig.bench
     for _ in range(50):
@@ -408,7 +401,7 @@ def test_stop_relaxes_servos_or_reports_that_it_could_not(gap: float, model: Ser
     master = share_line(made, gap)
     rig.step(5)
     begin = made.clock.now
-    reported: tuple[str, ...] = ()
+    reported = ()
     try:
         run(rig.bus.stopping(None), made.pass_time)
     except TorqueError as error:

@@ -4,7 +4,6 @@ import csv
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from dynamixel_fakes import PAN, TILT
@@ -28,9 +27,7 @@ every_model = pytest.mark.parametrize("model", all_models(), ids=lambda model: m
 
 
 @every_model
-def test_every_register_is_read_as_the_servo_holds_it_and_holds_what_the_vendor_says(
-    model: ServoModel,
-) -> None:
+def test_every_register_is_read_as_the_servo_holds_it_and_holds_what_the_vendor_says(model):
     servo = SimulatedServo(1, model)
     bench = Bench([servo])
     bench.port.open()
@@ -48,7 +45,7 @@ def test_every_register_is_read_as_the_servo_holds_it_and_holds_what_the_vendor_
 
 
 @every_model
-def test_joint_of_every_model_goes_where_it_is_sent(model: ServoModel) -> None:
+def test_joint_of_every_model_goes_where_it_is_sent(model):
     servo = SimulatedServo(1, model)
     rig = Rig(servo, joints=[joint_of(1, model, 100, model.ticks - 100)])
     margin = 0
@@ -74,15 +71,13 @@ def test_joint_of_every_model_goes_where_it_is_sent(model: ServoModel) -> None:
         ("STS3215", [Instruction.SYNC_READ]),
     ],
 )
-def test_servos_are_read_with_as_few_packets_as_they_understand(
-    name: str, instructions: list[Instruction]
-) -> None:
+def test_servos_are_read_with_as_few_packets_as_they_understand(name, instructions):
     model = servo_model(name)
     rig = Rig(*(SimulatedServo(i, model) for i in (1, 2)))
     rig.step()  # the first one also asks whether torque is on
-    sent: list[bytes] = []
+    sent = []
     write = rig.bench.line.write
-    rig.bench.line.write = lambda data: (sent.append(data), write(data))  # type: ignore[method-assign,assignment,func-returns-value]
+    rig.bench.line.write = lambda data: (sent.append(data), write(data))
     rig.bus.step()
     assert [packet[4 if model.protocol == 1 else 7] for packet in sent] == instructions
 
@@ -104,20 +99,20 @@ def rows(name: str) -> list[dict[str, str]]:
 ROWS = rows("registers.csv")
 
 
-def test_model_numbers_and_protocols_are_those_of_the_e_manual() -> None:
+def test_model_numbers_and_protocols_are_those_of_the_e_manual():
     own = {m.name: m for m in all_models() if m.family == "Dynamixel"}
     published = {row["model"]: (row["number"], row["protocol"]) for row in rows("models.csv")}
     assert {n: (str(m.model_number), str(m.protocol)) for n, m in own.items()} == published
 
 
-def test_vendors_figures_of_an_ax_12() -> None:
+def test_vendors_figures_of_an_ax_12():
     model = servo_model("AX-12")
     assert model.speed_unit == pytest.approx(0.0116239, abs=1e-7)
     assert model.no_load_speed == pytest.approx(6.178, abs=1e-3)
     assert model.radians_per_tick * model.ticks == pytest.approx(math.radians(300))
 
 
-def test_every_model_is_found_by_name_and_number() -> None:
+def test_every_model_is_found_by_name_and_number():
     for model in all_models():
         assert servo_model(model.name.lower()) is model
         assert all(servo_model(alias.lower()) is model for alias in model.aliases)
@@ -132,7 +127,7 @@ def test_every_model_is_found_by_name_and_number() -> None:
 
 
 @pytest.mark.parametrize("name", sorted({row["model"] for row in ROWS}))
-def test_registers_are_those_of_the_vendor(name: str) -> None:
+def test_registers_are_those_of_the_vendor(name):
     driver = servo_model(name).control_table
     simulator = {register.name: register for register in registers_of(name, 50)}
     for row in ROWS:
@@ -173,7 +168,7 @@ initial_step = 2, range = [0, 9]}
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     for path in TABLES.glob("*.toml"):
         (tmp_path / path.name).write_bytes(path.read_bytes())
     return tmp_path
@@ -185,7 +180,7 @@ def add(folder: Path, text: str) -> ServoModel:
     return read_model(path)
 
 
-def test_a_new_model_is_one_data_file(folder: Path) -> None:
+def test_a_new_model_is_one_data_file(folder):
     model, base = add(folder, NEW_MODEL), servo_model("XM430-W350")
     assert (model.name, model.model_number, model.aliases) == ("XM999-T1", 9990, ("XM999",))
     assert model.no_load_speed == pytest.approx(10.471976)
@@ -213,7 +208,7 @@ def test_a_new_model_is_one_data_file(folder: Path) -> None:
         ('like = "XM430', 'model_number = 12\nlike = "XM430'),  # it has its place in [registers]
     ],
 )
-def test_a_file_that_describes_no_model_is_refused(folder: Path, right: str, wrong: str) -> None:
+def test_a_file_that_describes_no_model_is_refused(folder, right, wrong):
     assert right in NEW_MODEL
     with pytest.raises(ConfigurationError, match=r"new\.toml|W999"):
         add(folder, NEW_MODEL.replace(right, wrong, 1))
@@ -227,12 +222,12 @@ REVERSED = JointConfiguration("head_pan_joint", 1, 500, 800, 200, controller="he
 @pytest.mark.parametrize(
     "joint", [PAN, TILT, REVERSED, replace(PAN, init=0), replace(PAN, init=1023)]
 )
-def test_every_tick_round_trips(joint: JointConfiguration) -> None:
+def test_every_tick_round_trips(joint):
     for tick in range(1024):
         assert joint.ticks(joint.position(tick)) == tick
 
 
-def test_zero_is_at_init_and_positions_of_a_reversed_servo_fall_with_ticks() -> None:
+def test_zero_is_at_init_and_positions_of_a_reversed_servo_fall_with_ticks():
     joint = replace(PAN, init=400)
     assert joint.position(400) == 0.0
     assert joint.position(401) == pytest.approx(math.radians(300.0) / 1024)
@@ -255,22 +250,22 @@ def test_zero_is_at_init_and_positions_of_a_reversed_servo_fall_with_ticks() -> 
         ("reverse", [True]),  # an AX-12 has no such setting
     ],
 )
-def test_impossible_configuration_is_refused(name: str, values: list[object]) -> None:
+def test_impossible_configuration_is_refused(name, values):
     for value in values:
         with pytest.raises(ConfigurationError, match=name):
-            replace(PAN, **{name: value})  # type: ignore[arg-type]
+            replace(PAN, **{name: value})
 
 
 @pytest.mark.parametrize(
     ("low", "zero", "high"), [(300, 200, 1023), (800, 900, 200), (512, 512, 512)]
 )
-def test_a_zero_outside_the_range_is_refused(low: int, zero: int, high: int) -> None:
+def test_a_zero_outside_the_range_is_refused(low, zero, high):
     with pytest.raises(ConfigurationError, match="min"):
         replace(PAN, min=low, init=zero, max=high)
 
 
 @pytest.mark.parametrize("name", ["id", "joint_name", "controller"])
-def test_joints_may_not_share_and_a_bus_has_one(name: str) -> None:
+def test_joints_may_not_share_and_a_bus_has_one(name):
     other = replace(TILT, **{name: getattr(PAN, name)})
     with pytest.raises(ConfigurationError):
         check_configuration([])
@@ -286,6 +281,6 @@ def test_joints_may_not_share_and_a_bus_has_one(name: str) -> None:
         *({"rest": value} for value in (math.nan, math.inf)),
     ],
 )
-def test_senseless_temperatures_are_refused(option: dict[str, Any]) -> None:
+def test_senseless_temperatures_are_refused(option):
     with pytest.raises(ConfigurationError):
         TemperatureParameters(**option)

@@ -208,7 +208,7 @@ CASES = [(name, model) for name, (_, _, *models) in NAMED.items() for model in m
     [(*case, phase) for case, phase in zip(CASES, cycle((0.6, 0.9, 1.5)), strict=False)],
     ids=lambda each: getattr(each, "name", str(each)),
 )
-def test_a_fault_is_named_soon(name: str, model: ServoModel, phase: float) -> None:
+def test_a_fault_is_named_soon(name, model, phase):
     strike, facts, *_ = NAMED[name]
     head = Head(model)
     head.still = name in STANDING
@@ -238,9 +238,7 @@ def strain(head: Head) -> None:
     ("strike", "symptom", "longest"),
     [(drain, Symptom.SUPPLY, 200.0), (strain, Symptom.WARM, 600.0)],
 )
-def test_a_slow_fault_is_named_before_the_servo_shuts_down(
-    strike: Callable[[Head], None], symptom: Symptom, longest: float
-) -> None:
+def test_a_slow_fault_is_named_before_the_servo_shuts_down(strike, symptom, longest):
     head = Head()
     head.run(2.0)
     head.each_cycle.append(lambda: strike(head))
@@ -251,7 +249,7 @@ def test_a_slow_fault_is_named_before_the_servo_shuts_down(
     assert named is not None and head.time - named > 1.0, head.complaints
 
 
-def test_a_slipped_horn_of_a_joint_with_two_servos_is_named() -> None:
+def test_a_slipped_horn_of_a_joint_with_two_servos_is_named():
     head = Head(pair=True)
     head.run(2.0)
     head[3].drive.angle += 0.12
@@ -261,22 +259,22 @@ def test_a_slipped_horn_of_a_joint_with_two_servos_is_named() -> None:
     assert head.named(struck, Symptom.APART)
 
 
-def test_one_of_two_servos_mounted_the_wrong_way_round_is_named() -> None:
+def test_one_of_two_servos_mounted_the_wrong_way_round_is_named():
     head = Head(pair=True)
 
-    def turn_together() -> None:
+    def turn_together():
         head[3].drive.angle = -head[1].drive.angle
 
     head.each_cycle.append(turn_together)
-    head.goal = lambda joint: 0.0  # type: ignore[method-assign]
+    head.goal = lambda joint: 0.0
     head.run(1.0)
     assert not head.named(0.0, Symptom.APART)
-    head.goal = lambda joint: 0.5  # type: ignore[method-assign]
+    head.goal = lambda joint: 0.5
     head.run(TOLD)
     assert head.named(0.0, Symptom.APART, cause="wrong way")
 
 
-def test_swapped_servos_are_named_by_the_limits_in_their_memory() -> None:
+def test_swapped_servos_are_named_by_the_limits_in_their_memory():
     head = Head(connect=False)
     last = AX.ticks - 1
     registers(CW_Angle_Limit=last // 8, CCW_Angle_Limit=last - last // 8)(head)
@@ -293,7 +291,7 @@ def test_swapped_servos_are_named_by_the_limits_in_their_memory() -> None:
     [(AX, 1, 1), (XM, 2, 1), (STS, 3, 1), (XM, 4, 33_000_000)],
     ids=["AX", "X", "STS", "X, /clock at 30 Hz"],
 )
-def test_no_fault_is_named_where_there_is_none(model: ServoModel, seed: int, tick: int) -> None:
+def test_no_fault_is_named_where_there_is_none(model, seed, tick):
     """Swings and stands in turns, with noise and lost replies."""
     head = Head(model, seed, loss=0.001, tick=tick)
     while head.time < HOURS * 3600.0 / 3.0:
@@ -344,9 +342,7 @@ def hurry(head: Head) -> Goal:
     ],
     ids=["turns round", "AX hurries", "X hurries", "STS hurries", "AX", "X fast", "STS", "X slow"],
 )
-def test_a_joint_that_begins_slowly_hurries_or_turns_round_meets_no_obstacle(
-    model: ServoModel, goal: Callable[[Head], Goal], delay: float
-) -> None:
+def test_a_joint_that_begins_slowly_hurries_or_turns_round_meets_no_obstacle(model, goal, delay):
     head = Head(model, 3, delay=delay)
     head.still = True
     head.run(0.5)

@@ -69,7 +69,7 @@ class Pair(Rig):
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_servos_whose_torque_comes_on_in_motion_do_not_push_against_each_other(name: str) -> None:
+def test_servos_whose_torque_comes_on_in_motion_do_not_push_against_each_other(name):
     pair = Pair(name)
     pair.send(0.9)
     pair.bus.command({"j": Goal(pair.joint.lower, 5.0)})
@@ -84,7 +84,7 @@ def test_servos_whose_torque_comes_on_in_motion_do_not_push_against_each_other(n
 
 @pytest.mark.parametrize("relaxed", [False, True])
 @pytest.mark.parametrize("name", MODELS)
-def test_narrowed_limits_move_both_goals(name: str, relaxed: bool) -> None:
+def test_narrowed_limits_move_both_goals(name, relaxed):
     pair = Pair(name)
     pair.send(0.9)
     ticks = pair.joint.model.ticks
@@ -99,7 +99,7 @@ def test_narrowed_limits_move_both_goals(name: str, relaxed: bool) -> None:
     assert pair.apart < APART and pair.goals_apart < APART
 
 
-def test_limits_that_leave_a_pair_no_position_are_refused() -> None:
+def test_limits_that_leave_a_pair_no_position_are_refused():
     pair = Pair("AX-12")
     model, joint = pair.joint.model, pair.bus.joint("j")
     highest = model.position_limits[1]
@@ -122,7 +122,7 @@ def test_limits_that_leave_a_pair_no_position_are_refused() -> None:
     assert pair.powered == 0
 
 
-def test_a_servo_that_comes_back_with_other_limits_is_not_taken_back() -> None:
+def test_a_servo_that_comes_back_with_other_limits_is_not_taken_back():
     pair = Pair("XM430-W350")
     pair.send(0.2)
     second, limit = pair.servos[1], pair.joint.model.position_limits[1]
@@ -137,7 +137,7 @@ def test_a_servo_that_comes_back_with_other_limits_is_not_taken_back() -> None:
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_no_servo_of_a_pair_holds_alone_when_the_other_one_cannot_be_used(name: str) -> None:
+def test_no_servo_of_a_pair_holds_alone_when_the_other_one_cannot_be_used(name):
     pair = Pair(name)
     pair.send(0.6)
     second = pair.servos[1]
@@ -153,7 +153,7 @@ def test_no_servo_of_a_pair_holds_alone_when_the_other_one_cannot_be_used(name: 
 
 
 @pytest.mark.parametrize("silent", [1, 2])
-def test_no_goal_goes_to_one_servo_while_the_other_does_not_answer(silent: int) -> None:
+def test_no_goal_goes_to_one_servo_while_the_other_does_not_answer(silent):
     pair = Pair("XM430-W350")
     pair.send(0.6)
     mute = pair.servos[silent - 1]
@@ -174,8 +174,8 @@ def test_no_goal_goes_to_one_servo_while_the_other_does_not_answer(silent: int) 
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize("stop", [False, True])
 def test_a_pair_that_kept_its_torque_while_its_cable_was_out_holds_unless_it_was_stopped(
-    name: str, stop: bool
-) -> None:
+    name, stop
+):
     pair = Pair(name)
     pair.send(0.6)
     before = pair.position
@@ -196,8 +196,8 @@ def test_a_pair_that_kept_its_torque_while_its_cable_was_out_holds_unless_it_was
 
 @pytest.mark.parametrize("name", MODELS)
 def test_no_servo_of_a_pair_holds_alone_when_the_other_one_lost_its_power_while_both_were_away(
-    name: str,
-) -> None:
+    name,
+):
     pair = Pair(name)
     pair.send(0.6)
     for servo in pair.servos:
@@ -215,9 +215,7 @@ def test_no_servo_of_a_pair_holds_alone_when_the_other_one_lost_its_power_while_
 
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize("relaxed", [0, 1])
-def test_no_servo_of_a_pair_goes_on_alone_when_another_program_relaxes_one(
-    name: str, relaxed: int
-) -> None:
+def test_no_servo_of_a_pair_goes_on_alone_when_another_program_relaxes_one(name, relaxed):
     pair = Pair(name)
     pair.send(0.9)
     pair.servos[relaxed].set_register("Torque Enable", 0)

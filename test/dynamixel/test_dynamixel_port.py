@@ -4,10 +4,8 @@ import errno
 import os
 import threading
 import tty
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 import serial
@@ -55,14 +53,14 @@ class Peer:
 
 
 @pytest.fixture
-def peer() -> Iterator[Peer]:
+def peer():
     p = Peer()
     yield p
     p.close()
 
 
 @pytest.fixture(params=[LinuxDevice, SerialDevice])
-def port(peer: Peer, request: pytest.FixtureRequest) -> Iterator[DynamixelPort]:
+def port(peer, request):
     # Patient, because the other end is a thread on a machine that may be busy.
     p = DynamixelPort(peer.name, reply_timeout=5.0, open_device=request.param)
     p.open()
@@ -70,7 +68,7 @@ def port(peer: Peer, request: pytest.FixtureRequest) -> Iterator[DynamixelPort]:
     p.close()
 
 
-def test_port_that_takes_no_data_is_lost(port: DynamixelPort) -> None:
+def test_port_that_takes_no_data_is_lost(port):
     with pytest.raises(PortLostError):
         for _ in range(10_000):  # nobody reads the other end
             port.sync_write(30, {servo_id: bytes(4) for servo_id in range(40)})
@@ -78,7 +76,7 @@ def test_port_that_takes_no_data_is_lost(port: DynamixelPort) -> None:
 
 
 @pytest.mark.parametrize("after", [0, 8], ids=["before", "while waiting"])
-def test_port_that_vanishes_is_lost(peer: Peer, port: DynamixelPort, after: int) -> None:
+def test_port_that_vanishes_is_lost(peer, port, after):
     thread = threading.Thread(target=peer.vanish, args=(after,))
     thread.start()
     if not after:
@@ -94,13 +92,13 @@ def test_port_that_vanishes_is_lost(peer: Peer, port: DynamixelPort, after: int)
         port.ping(1)
 
 
-def test_missing_port_lists_what_exists(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_port_lists_what_exists(monkeypatch):
     monkeypatch.setattr(port_module, "serial_ports", lambda: ("/dev/ttyUSB0", "/dev/ttyACM0"))
     with pytest.raises(PortMissingError, match="/dev/ttyUSB0, /dev/ttyACM0"):
         DynamixelPort("/dev/ttyNone").open()
 
 
-def test_forbidden_port_names_the_group(peer: Peer) -> None:
+def test_forbidden_port_names_the_group(peer):
     serial_ports(), Path("/").group()  # what these import must be there before the rights go
     os.chmod(peer.name, 0)
     root = os.geteuid() == 0
@@ -114,17 +112,15 @@ def test_forbidden_port_names_the_group(peer: Peer) -> None:
             os.seteuid(0)
 
 
-def test_file_is_no_port() -> None:
+def test_file_is_no_port():
     with pytest.raises(PortError):
         DynamixelPort("/etc/passwd").open()
     for_others = port_error("/etc/passwd", OSError(errno.EACCES, ""))
     assert "must be a serial device" in str(for_others)
 
 
-def test_port_that_cannot_do_the_baud_rate_says_so(
-    peer: Peer, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(*_: object, **__: object) -> None:
+def test_port_that_cannot_do_the_baud_rate_says_so(peer, monkeypatch):
+    def refuse(*_, **__):
         raise ValueError("Failed to set custom baud rate (3000000): [Errno 22]")  # as pyserial does
 
     monkeypatch.setattr(serial.Serial, "_reconfigure_port", refuse)
@@ -143,14 +139,12 @@ def test_port_that_cannot_do_the_baud_rate_says_so(
         *({"reply_timeout": seconds} for seconds in (0.0, -1.0, float("nan"), 100.0)),
     ],
 )
-def test_a_rate_that_no_servo_knows_and_a_senseless_timeout_are_refused(
-    options: dict[str, Any],
-) -> None:
+def test_a_rate_that_no_servo_knows_and_a_senseless_timeout_are_refused(options):
     with pytest.raises(ConfigurationError):
         DynamixelPort("/dev/ttyUSB0", **options)
 
 
-def test_opening_and_failing_leaves_no_descriptor(peer: Peer) -> None:
+def test_opening_and_failing_leaves_no_descriptor(peer):
     before = len(os.listdir("/proc/self/fd"))
     for _ in range(3):
         port = DynamixelPort(peer.name, reply_timeout=0.001)
@@ -201,8 +195,8 @@ class Kernel:
     + [(no_timer, True, 1) for no_timer in (None, "", "soon\n")],
 )
 def test_timer_of_an_ftdi_adapter_is_set_by_the_driver_or_by_sysfs_where_there_is_one(
-    tmp_path: Path, before: str | None, refused: bool, asked: int, by_link: bool
-) -> None:
+    tmp_path, before, refused, asked, by_link
+):
     kernel, link = Kernel(tmp_path / "sys", before), tmp_path / "by-id"
     os.symlink("/dev/ttyUSB0", link)
     request = kernel.refuse if refused else kernel.low_latency
@@ -214,12 +208,10 @@ def test_timer_of_an_ftdi_adapter_is_set_by_the_driver_or_by_sysfs_where_there_i
     assert kernel.asked == asked
 
 
-def test_timer_that_may_not_be_set_is_reported_with_the_remedy(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_timer_that_may_not_be_set_is_reported_with_the_remedy(tmp_path, monkeypatch):
     kernel = Kernel(tmp_path, "16\n")
 
-    def refused(path: Path, text: str) -> int:
+    def refused(path, text):
         raise PermissionError(errno.EACCES, "not yours")
 
     monkeypatch.setattr(Path, "write_text", refused)
@@ -229,7 +221,7 @@ def test_timer_that_may_not_be_set_is_reported_with_the_remedy(
         assert word in adapter.advice
 
 
-def test_device_is_found_by_its_serial_number(tmp_path: Path) -> None:
+def test_device_is_found_by_its_serial_number(tmp_path):
     folder = tmp_path / "by-id"
     folder.mkdir()
     device = tmp_path / "ttyUSB0"
@@ -237,7 +229,7 @@ def test_device_is_found_by_its_serial_number(tmp_path: Path) -> None:
     os.symlink(tmp_path / "ttyUSB9", folder / "another")
     os.symlink(device, folder / "usb-FTDI_1234")
 
-    def found(name: str, folder: Path = folder, serial_number: str | None = "1234") -> str:
+    def found(name, folder=folder, serial_number="1234"):
         return stable_name(str(tmp_path / name), folder, lambda _: serial_number)
 
     assert found("ttyUSB0") == str(folder / "usb-FTDI_1234")
@@ -246,16 +238,14 @@ def test_device_is_found_by_its_serial_number(tmp_path: Path) -> None:
     assert found("ttyUSB0", serial_number=None) == ""  # another adapter may have the same link
 
 
-def test_adapters_that_changed_their_names_are_opened_by_serial_number(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_adapters_that_changed_their_names_are_opened_by_serial_number(monkeypatch):
     adapters = {"/dev/ttyUSB0": "A", "/dev/ttyUSB1": "B"}
-    opened: list[str] = []
+    opened = []
 
-    def by_serial_number(name: str) -> str:
+    def by_serial_number(name):
         return f"/dev/serial/by-id/{adapters[name]}" if name in adapters else ""
 
-    def open_device(name: str, baud_rate: int) -> Any:
+    def open_device(name, baud_rate):
         names = adapters | {by_serial_number(device): each for device, each in adapters.items()}
         if name not in names:
             raise PortMissingError(name, [])

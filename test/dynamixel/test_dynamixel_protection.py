@@ -24,7 +24,7 @@ from head_tracking.simulation import SimulatedServo
 # Faults
 
 
-def test_error_that_does_not_shut_down_is_told_once_and_again_after_it_was_gone() -> None:
+def test_error_that_does_not_shut_down_is_told_once_and_again_after_it_was_gone():
     rig = FakeRig().switched_on()
     rig.pan.error = ErrorBits.INPUT_VOLTAGE
     assert rig.passed(3) == [EventKind.ALARM]
@@ -35,7 +35,7 @@ def test_error_that_does_not_shut_down_is_told_once_and_again_after_it_was_gone(
     assert rig.passed(2) == [EventKind.ALARM]
 
 
-def test_recover_does_not_let_a_servo_drive_on_to_its_old_goal() -> None:
+def test_recover_does_not_let_a_servo_drive_on_to_its_old_goal():
     rig = FakeRig().switched_on()
     rig.pan.error = ErrorBits.OVERLOAD
     rig.step()
@@ -50,7 +50,7 @@ def test_recover_does_not_let_a_servo_drive_on_to_its_old_goal() -> None:
 # Heat
 
 
-def test_hot_joint_rests_until_it_is_no_longer_warm() -> None:
+def test_hot_joint_rests_until_it_is_no_longer_warm():
     rig = FakeRig().switched_on()
     rig.pan["Present Temperature"] = 67
     assert rig.passed() == []
@@ -71,9 +71,7 @@ def test_hot_joint_rests_until_it_is_no_longer_warm() -> None:
 
 
 @pytest.mark.parametrize("missed", [0, 1, 2])
-def test_servo_that_was_without_power_for_a_moment_does_not_start_where_it_left_off(
-    missed: int,
-) -> None:
+def test_servo_that_was_without_power_for_a_moment_does_not_start_where_it_left_off(missed):
     rig = FakeRig().switched_on(0.5)
     rig.pan.answers = False
     rig.step(2)
@@ -88,7 +86,7 @@ def test_servo_that_was_without_power_for_a_moment_does_not_start_where_it_left_
     assert rig.pan["Torque Enable"] == 0
 
 
-def test_motion_goes_on_after_a_short_silence_in_which_no_goal_is_sent() -> None:
+def test_motion_goes_on_after_a_short_silence_in_which_no_goal_is_sent():
     rig = FakeRig().switched_on(0.5)
     rig.pan.answers = False
     rig.step()
@@ -104,7 +102,7 @@ def test_motion_goes_on_after_a_short_silence_in_which_no_goal_is_sent() -> None
 # Commands that stop coming
 
 
-def test_joint_holds_when_its_commands_stop() -> None:
+def test_joint_holds_when_its_commands_stop():
     rig = FakeRig(settings=BusSettings(command_timeout=0.1)).switched_on(0.5)
     rig.pan["Present Position"] = 540
     assert rig.passed(3) == []
@@ -115,7 +113,7 @@ def test_joint_holds_when_its_commands_stop() -> None:
     assert rig.pan["Goal Position"] == PAN.ticks(0.5)
 
 
-def test_joint_that_has_arrived_just_stays() -> None:
+def test_joint_that_has_arrived_just_stays():
     rig = FakeRig(settings=BusSettings(command_timeout=0.1)).switched_on(0.5)
     for off in (2, 20):  # also when it is pushed away later
         rig.pan["Present Position"] = PAN.ticks(0.5) - off
@@ -126,7 +124,7 @@ def test_joint_that_has_arrived_just_stays() -> None:
 # Joints stopped, started, changed
 
 
-def test_stopped_joint_is_relaxed_and_left_alone_while_the_other_goes_on() -> None:
+def test_stopped_joint_is_relaxed_and_left_alone_while_the_other_goes_on():
     rig = FakeRig().switched_on()
     run(rig.bus.starting(None))  # of a joint that is not stopped
     assert rig.pan_torque is Torque.ON and rig.pan["Torque Enable"] == 1
@@ -150,9 +148,7 @@ def test_stopped_joint_is_relaxed_and_left_alone_while_the_other_goes_on() -> No
 
 @pytest.mark.parametrize("phase", range(0, 20, 3))  # ms
 @pytest.mark.parametrize("request_", ["starting", "recovering"])
-def test_a_joint_accepts_a_command_as_soon_as_it_is_started_or_recovered(
-    phase: int, request_: str
-) -> None:
+def test_a_joint_accepts_a_command_as_soon_as_it_is_started_or_recovered(phase, request_):
     rig = Rig(SimulatedServo(1, "XM430-W350", boot_time=0.1))
     rig.go(0.3)
     if request_ == "starting":
@@ -174,7 +170,7 @@ def test_a_joint_accepts_a_command_as_soon_as_it_is_started_or_recovered(
     assert rig.go(0.1).states["j1"].position == pytest.approx(0.1, abs=0.05)
 
 
-def test_a_servo_that_has_shut_down_and_does_not_answer_is_not_called_recovered() -> None:
+def test_a_servo_that_has_shut_down_and_does_not_answer_is_not_called_recovered():
     rig = FakeRig().switched_on()
     rig.pan.error = ErrorBits.OVERLOAD
     rig.step()
@@ -185,7 +181,7 @@ def test_a_servo_that_has_shut_down_and_does_not_answer_is_not_called_recovered(
 
 
 @pytest.mark.parametrize("cycles", [0, 3])
-def test_a_joint_that_is_restarting_is_recovered_for_everybody_who_asks(cycles: int) -> None:
+def test_a_joint_that_is_restarting_is_recovered_for_everybody_who_asks(cycles):
     rig = Rig(SimulatedServo(1, "XM430-W350", boot_time=0.3))
     rig.servos[0].overload()
     rig.step(5)
@@ -197,7 +193,7 @@ def test_a_joint_that_is_restarting_is_recovered_for_everybody_who_asks(cycles: 
     assert [each.result(0.0) for each in asked] == [("j1",), ("j1",)]
 
 
-def test_limits_and_speed_change_while_running_and_the_goal_moves_inside() -> None:
+def test_limits_and_speed_change_while_running_and_the_goal_moves_inside():
     rig = FakeRig().switched_on(0.9)
     rig.bus.joint("head_pan_joint").reconfigure(lowest=450, highest=600, max_speed=0.5)
     assert rig.bus.joint("head_pan_joint").limits == (PAN.position(450), PAN.position(600))
@@ -216,7 +212,7 @@ def test_limits_and_speed_change_while_running_and_the_goal_moves_inside() -> No
 # Memory
 
 
-def test_eeprom_is_written_only_where_it_differs_and_read_back() -> None:
+def test_eeprom_is_written_only_where_it_differs_and_read_back():
     rig = FakeRig()
     changed = run(
         rig.bus.writing_eeprom(
@@ -241,7 +237,7 @@ def test_eeprom_is_written_only_where_it_differs_and_read_back() -> None:
 
 
 @pytest.mark.parametrize("name", ["AX-12", "XL-320", "XM430-W350", "STS3215", "SCS0009"])
-def test_a_servo_that_acknowledges_no_writes_is_set_up_and_recovered(name: str) -> None:
+def test_a_servo_that_acknowledges_no_writes_is_set_up_and_recovered(name):
     servo = SimulatedServo(1, name, boot_time=0.1)
     servo.set_register("Status Return Level", 1)
     rig = Rig(servo)
@@ -263,8 +259,8 @@ def test_a_servo_that_acknowledges_no_writes_is_set_up_and_recovered(name: str) 
     assert rig.go(-0.2).states["j1"].position == pytest.approx(-0.2, abs=0.05)
 
 
-def test_what_cannot_be_written_into_the_memory_is_refused(rig: FakeRig) -> None:
-    def write(joint: str, settings: EepromSettings) -> None:
+def test_what_cannot_be_written_into_the_memory_is_refused(rig):
+    def write(joint, settings):
         run(rig.bus.writing_eeprom(joint, settings), rig.bench.pass_time)
 
     with pytest.raises(ConfigurationError):  # the model has no such error
@@ -282,7 +278,7 @@ def test_what_cannot_be_written_into_the_memory_is_refused(rig: FakeRig) -> None
     assert [servo["Return Delay Time"] for servo in (rig.pan, rig.tilt)] == [250, 250]
 
 
-def test_limits_that_were_written_before_the_writing_failed_are_known(rig: FakeRig) -> None:
+def test_limits_that_were_written_before_the_writing_failed_are_known(rig):
     rig.tilt["CW Angle Limit"] = 400
     rig.connect()
     rig.tilt.ignored.add(8)  # CCW Angle Limit
@@ -292,7 +288,7 @@ def test_limits_that_were_written_before_the_writing_failed_are_known(rig: FakeR
     assert rig.bus.joint("head_tilt_joint").limits == (TILT.position(300), TILT.position(800))
 
 
-def test_command_is_not_lost_while_the_servo_has_not_been_read() -> None:
+def test_command_is_not_lost_while_the_servo_has_not_been_read():
     rig = FakeRig()
     rig.pan.mute += [True, True]
     rig.step()
@@ -307,7 +303,7 @@ def test_command_is_not_lost_while_the_servo_has_not_been_read() -> None:
 # What must not run later, or be called something else
 
 
-def test_a_tripped_watchdog_is_named_and_cleared() -> None:
+def test_a_tripped_watchdog_is_named_and_cleared():
     servo = SimulatedServo(1, "XM430-W350")
     rig = Rig(servo)
     rig.go(0.3)
@@ -320,7 +316,7 @@ def test_a_tripped_watchdog_is_named_and_cleared() -> None:
     assert servo.register("Present Position") == pytest.approx(2048 - 326, abs=10)
 
 
-def test_a_watchdog_that_tripped_in_an_earlier_run_is_cleared_where_this_run_uses_none() -> None:
+def test_a_watchdog_that_tripped_in_an_earlier_run_is_cleared_where_this_run_uses_none():
     servo = SimulatedServo(1, "XM430-W350")
     rig = Rig(servo, settings=BusSettings(watchdog=0.0))
     servo.set_register("Bus Watchdog", 255)
@@ -329,9 +325,7 @@ def test_a_watchdog_that_tripped_in_an_earlier_run_is_cleared_where_this_run_use
 
 
 @pytest.mark.parametrize("cycles", [1, 2, 20])
-def test_a_servo_that_switches_its_torque_on_when_it_gets_power_is_relaxed_after_a_stop(
-    cycles: int,
-) -> None:
+def test_a_servo_that_switches_its_torque_on_when_it_gets_power_is_relaxed_after_a_stop(cycles):
     servo = SimulatedServo(1, "XM430-W350", boot_time=0.02)
     rig = Rig(servo)
     rig.go(0.3)
@@ -345,7 +339,7 @@ def test_a_servo_that_switches_its_torque_on_when_it_gets_power_is_relaxed_after
     assert rig.torque == [0]
 
 
-def test_a_command_while_memory_is_written_is_refused_and_not_carried_out_later() -> None:
+def test_a_command_while_memory_is_written_is_refused_and_not_carried_out_later():
     servo = SimulatedServo(1, "XM430-W350")
     rig = Rig(servo)
     rig.bus.command({"j1": Goal(0.5)})  # of the same cycle
@@ -363,7 +357,7 @@ def test_a_command_while_memory_is_written_is_refused_and_not_carried_out_later(
 
 
 @pytest.mark.parametrize("steps", [1, 3, 5, 8])
-def test_limits_that_are_narrowed_while_torque_comes_on_hold(steps: int) -> None:
+def test_limits_that_are_narrowed_while_torque_comes_on_hold(steps):
     servo = SimulatedServo(1, "XM430-W350", position=2800.0)
     rig = Rig(servo)
     switching = rig.bus.switching_torque(None, True)

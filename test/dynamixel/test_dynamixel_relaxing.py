@@ -31,7 +31,7 @@ def plug_in(rig: FakeRig) -> None:
 
 
 @pytest.fixture
-def rig() -> FakeRig:
+def rig():
     """Pan and tilt hold."""
     rig = FakeRig()
     run(rig.bus.switching_torque(None, True))
@@ -42,7 +42,7 @@ def rig() -> FakeRig:
 
 
 @pytest.mark.parametrize("register", [None, "Model Number", "CCW Angle Limit"])
-def test_a_start_that_fails_relaxes_the_servos_that_can_be_used(register: str | None) -> None:
+def test_a_start_that_fails_relaxes_the_servos_that_can_be_used(register):
     rig = FakeRig(connect=False)
     for servo in (rig.pan, rig.tilt):
         servo["Torque Enable"] = 1  # left so by a program that was killed
@@ -56,7 +56,7 @@ def test_a_start_that_fails_relaxes_the_servos_that_can_be_used(register: str | 
     assert not rig.bench.port.is_open
 
 
-def test_a_joint_whose_stop_failed_is_not_called_relaxed_at_the_end(rig: FakeRig) -> None:
+def test_a_joint_whose_stop_failed_is_not_called_relaxed_at_the_end(rig):
     loosen(rig)
     with pytest.raises(TorqueError):
         run(rig.bus.stopping([PAN.joint_name]))
@@ -65,9 +65,7 @@ def test_a_joint_whose_stop_failed_is_not_called_relaxed_at_the_end(rig: FakeRig
     assert rig.torque == [1, 0]
 
 
-def test_a_joint_that_was_relaxed_when_it_was_stopped_need_not_answer_at_the_end(
-    rig: FakeRig,
-) -> None:
+def test_a_joint_that_was_relaxed_when_it_was_stopped_need_not_answer_at_the_end(rig):
     run(rig.bus.stopping([PAN.joint_name]))
     rig.pan.answers = False
     assert rig.bus.joint(PAN.joint_name).torque is Torque.OFF_STOPPED
@@ -79,9 +77,7 @@ def test_a_joint_that_was_relaxed_when_it_was_stopped_need_not_answer_at_the_end
     assert rig.bus.close() == ()
 
 
-def test_a_stopped_joint_whose_torque_another_program_switched_on_is_not_called_relaxed(
-    rig: FakeRig,
-) -> None:
+def test_a_stopped_joint_whose_torque_another_program_switched_on_is_not_called_relaxed(rig):
     run(rig.bus.stopping([PAN.joint_name]))
     rig.pan["Torque Enable"] = 1
     rig.pan.ignored = {24}
@@ -91,14 +87,14 @@ def test_a_stopped_joint_whose_torque_another_program_switched_on_is_not_called_
     assert rig.bus.close() == (PAN.joint_name,)
 
 
-def test_no_joint_is_called_relaxed_when_the_adapter_has_gone(rig: FakeRig) -> None:
+def test_no_joint_is_called_relaxed_when_the_adapter_has_gone(rig):
     run(rig.bus.stopping([TILT.joint_name]))
     rig.bench.line.plugged = False
     assert rig.bus.close() == (PAN.joint_name,)
 
 
 @pytest.mark.parametrize("name", ["AX-12", "XM430-W350", "STS3215"])
-def test_a_stopped_joint_that_was_recovered_is_called_relaxed_at_the_end(name: str) -> None:
+def test_a_stopped_joint_that_was_recovered_is_called_relaxed_at_the_end(name):
     servo = SimulatedServo(1, name, boot_time=0.1)
     rig = Rig(servo)
     run(rig.bus.switching_torque(None, True), rig.bench.pass_time)
@@ -112,7 +108,7 @@ def test_a_stopped_joint_that_was_recovered_is_called_relaxed_at_the_end(name: s
 
 
 @pytest.mark.parametrize("close", [False, True])
-def test_the_watchdog_is_switched_off_with_the_joint(close: bool) -> None:
+def test_the_watchdog_is_switched_off_with_the_joint(close):
     servo = SimulatedServo(1, "XM430-W350")
     rig = Rig(servo)
     run(rig.bus.switching_torque(None, True))
@@ -125,7 +121,7 @@ def test_the_watchdog_is_switched_off_with_the_joint(close: bool) -> None:
 
 
 @pytest.mark.parametrize("silent", [0, 1, 4, 11])
-def test_stop_is_tried_again_where_it_failed(rig: FakeRig, silent: int) -> None:
+def test_stop_is_tried_again_where_it_failed(rig, silent):
     loosen(rig)
     assert rig.bus.relax_at_once(1.0)[PAN.joint_name]
     if silent:  # else its cycles miss nothing
@@ -136,7 +132,7 @@ def test_stop_is_tried_again_where_it_failed(rig: FakeRig, silent: int) -> None:
 
 
 @pytest.mark.parametrize("other", [False, True])
-def test_stop_asks_also_a_servo_that_was_lost(rig: FakeRig, other: bool) -> None:
+def test_stop_asks_also_a_servo_that_was_lost(rig, other):
     loosen(rig)
     rig.step(10)
     plug_in(rig)
@@ -149,8 +145,8 @@ def test_stop_asks_also_a_servo_that_was_lost(rig: FakeRig, other: bool) -> None
 @pytest.mark.parametrize("lost", [False, True])
 @pytest.mark.parametrize("overtaken", [False, True])
 def test_a_joint_that_did_not_confirm_when_it_was_stopped_is_relaxed_once_it_answers(
-    rig: FakeRig, silent: int, lost: bool, overtaken: bool
-) -> None:
+    rig, silent, lost, overtaken
+):
     loosen(rig)
     for _ in range(10 * lost):
         rig.bus.step()
@@ -174,18 +170,16 @@ def test_a_joint_that_did_not_confirm_when_it_was_stopped_is_relaxed_once_it_ans
 
 
 @pytest.mark.parametrize("close", [False, True])
-def test_a_servo_that_is_silent_for_a_moment_is_relaxed_by_stop_and_at_the_end(
-    rig: FakeRig, close: bool
-) -> None:
+def test_a_servo_that_is_silent_for_a_moment_is_relaxed_by_stop_and_at_the_end(rig, close):
     loosen(rig)
     write, end = rig.bench.line.write, rig.bench.now() + (0.8e9 if close else 0.2e9)
 
-    def plug_in_and_write(data: bytes) -> None:
+    def plug_in_and_write(data):
         if rig.bench.now() > end:
             plug_in(rig)
         write(data)
 
-    rig.bench.line.write = plug_in_and_write  # type: ignore[method-assign]
+    rig.bench.line.write = plug_in_and_write
     if close:
         assert rig.bus.close() == ()
     else:
@@ -193,7 +187,7 @@ def test_a_servo_that_is_silent_for_a_moment_is_relaxed_by_stop_and_at_the_end(
     assert rig.torque == [0, 0]
 
 
-def test_a_stop_without_time_relaxes_all_the_same(rig: FakeRig) -> None:
+def test_a_stop_without_time_relaxes_all_the_same(rig):
     rig.pan.mute += [True] * 3
     assert rig.bus.relax_at_once(0.0)[PAN.joint_name]  # not confirmed yet
     assert rig.torque == [0, 0]
@@ -205,10 +199,7 @@ def test_a_stop_without_time_relaxes_all_the_same(rig: FakeRig) -> None:
 
 
 @pytest.mark.parametrize("other", [{"Firmware Version": 25}, {"Model Number": 18}])
-def test_an_adapter_with_other_servos_is_not_taken_for_the_one_that_went(
-    rig: FakeRig,
-    other: dict[str, int],
-) -> None:
+def test_an_adapter_with_other_servos_is_not_taken_for_the_one_that_went(rig, other):
     rig.bench.line.plugged = False
     rig.bus.step()
     ((name, value),) = other.items()
@@ -224,7 +215,7 @@ def test_an_adapter_with_other_servos_is_not_taken_for_the_one_that_went(
     assert rig.bus.statistics().connected
 
 
-def test_an_adapter_that_comes_back_is_used_to_relax_at_the_end(rig: FakeRig) -> None:
+def test_an_adapter_that_comes_back_is_used_to_relax_at_the_end(rig):
     rig.switched_on()
     rig.bench.line.plugged = False
     rig.step(2)
@@ -233,9 +224,7 @@ def test_an_adapter_that_comes_back_is_used_to_relax_at_the_end(rig: FakeRig) ->
 
 
 @pytest.mark.parametrize("on", [False, True])
-def test_what_is_asked_while_the_adapter_is_out_fails_and_is_not_done_later(
-    rig: FakeRig, on: bool
-) -> None:
+def test_what_is_asked_while_the_adapter_is_out_fails_and_is_not_done_later(rig, on):
     rig.bench.line.plugged = False
     rig.bus.step()
     rig.bus.relax_at_once(0.1)
@@ -253,7 +242,7 @@ SERVOS = {1: "AX-12", 2: "XM430-W350", 3: "XL-320", 4: "MX-28"}
 
 
 @pytest.fixture
-def left() -> Bench:
+def left():
     """Servos that a dead program has left with torque on."""
     bench = Bench([SimulatedServo(i, servo_model(name)) for i, name in SERVOS.items()])
     for servo in bench.bus:
@@ -267,7 +256,7 @@ def relaxed(bench: Bench, servos: dict[int, str], *, hold: bool = False) -> dict
     return relax_servos("x", servos, hold=hold, make_port=lambda *_: bench.port)
 
 
-def test_servos_are_relaxed_without_a_bus_and_a_missing_one_is_named(left: Bench) -> None:
+def test_servos_are_relaxed_without_a_bus_and_a_missing_one_is_named(left):
     before = left.bus[2].register("Moving Threshold")
     left.bus[2].set_register("Bus Watchdog", 50)  # it would trip, and refuse goals of others
     problems = relaxed(left, {7: "AX-12"} | SERVOS)  # one of them is not there
@@ -277,7 +266,7 @@ def test_servos_are_relaxed_without_a_bus_and_a_missing_one_is_named(left: Bench
     assert left.bus[2].register("Bus Watchdog") == 0
 
 
-def test_servos_hold_where_they_stand_without_a_bus(left: Bench) -> None:
+def test_servos_hold_where_they_stand_without_a_bus(left):
     left.bus[2].set_register("Bus Watchdog", 255)  # it tripped when the program died
     left.bus[4].set_register("Torque Enable", 0)
     left.pass_time(0.15)
@@ -289,17 +278,15 @@ def test_servos_hold_where_they_stand_without_a_bus(left: Bench) -> None:
         assert servo.true_ticks == pytest.approx(stood[servo.id], abs=servo.model.ticks / 100)
 
 
-def test_what_cannot_be_relaxed_raises() -> None:
+def test_what_cannot_be_relaxed_raises():
     with pytest.raises(ConfigurationError):
         relax_servos("/dev/none", {1: "AX-13"})
     with pytest.raises(PortMissingError):
         relax_servos("/dev/none", {1: "AX-12"})
 
 
-def test_an_interrupt_while_joints_brake_does_not_keep_them_from_being_relaxed(
-    rig: FakeRig, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def interrupt(_: object) -> None:
+def test_an_interrupt_while_joints_brake_does_not_keep_them_from_being_relaxed(rig, monkeypatch):
+    def interrupt(_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(rig.bus._procedures, "write_goals", interrupt)
@@ -308,13 +295,11 @@ def test_an_interrupt_while_joints_brake_does_not_keep_them_from_being_relaxed(
     assert rig.torque == [0, 0]
 
 
-def test_no_joint_is_called_relaxed_when_closing_fails(
-    rig: FakeRig, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    errors: list[BaseException] = []
+def test_no_joint_is_called_relaxed_when_closing_fails(rig, monkeypatch):
+    errors = []
     thread = BusThread(rig.bus, 100.0, lambda _: None, errors.append)
 
-    def fail(*_: object, **__: object) -> None:
+    def fail(*_, **__):
         raise RuntimeError
 
     monkeypatch.setattr(thread.bus, "close", fail)

@@ -1,6 +1,5 @@
 """Requests, goals, STOP and resume in any order: nothing made before a STOP acts after it."""
 
-from collections.abc import Callable
 from concurrent.futures import Future
 from random import Random
 
@@ -21,7 +20,6 @@ from head_tracking.dynamixel import (
     Torque,
     TorqueError,
 )
-from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.servo import run
 from head_tracking.simulation import SimulatedServo
 
@@ -38,7 +36,7 @@ class StopAtRead(Epoch):
         super().__init__()
 
     @property
-    def value(self) -> int:  # type: ignore[override]
+    def value(self) -> int:
         self.left -= 1
         self._now += self.left == 0
         return self._now
@@ -49,7 +47,7 @@ class StopAtRead(Epoch):
 
 
 @pytest.mark.parametrize("by_goal", [True, False])
-def test_torque_stays_off_whenever_a_stop_overtakes_a_cycle(by_goal: bool) -> None:
+def test_torque_stays_off_whenever_a_stop_overtakes_a_cycle(by_goal):
     read, stops = 0, 1
     while stops:
         read += 1
@@ -181,7 +179,7 @@ class Interleavings:
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_nothing_made_before_a_stop_switches_torque_on_after_it(seed: int) -> None:
+def test_nothing_made_before_a_stop_switches_torque_on_after_it(seed):
     run = Interleavings(seed)
     choices = [run.make, run.deliver, run.serve, run.cycle, run.stop]
     for number in range(INTERLEAVINGS // 2):
@@ -196,7 +194,7 @@ def test_nothing_made_before_a_stop_switches_torque_on_after_it(seed: int) -> No
     assert run.stops > INTERLEAVINGS // 8
 
 
-def test_what_is_asked_after_stops_that_overlapped_is_carried_out(rig: FakeRig) -> None:
+def test_what_is_asked_after_stops_that_overlapped_is_carried_out(rig):
     first, second = rig.bus.requests.epoch.advance(), rig.bus.requests.epoch.advance()
     for epoch in (second, first):  # as the port became free
         assert set(rig.bus.relax_at_once(1.0, epoch).values()) == {""}
@@ -205,7 +203,7 @@ def test_what_is_asked_after_stops_that_overlapped_is_carried_out(rig: FakeRig) 
     assert rig.torque == [1, 1]
 
 
-def test_the_wait_for_a_joint_with_another_request_is_bounded(rig: FakeRig) -> None:
+def test_the_wait_for_a_joint_with_another_request_is_bounded(rig):
     submit(rig.bus, rig.bus.switching_torque([JOINT], True))
     for _ in range(4):
         rig.bus.cycle.fill(rig.bench.now() + 10**9)
@@ -215,10 +213,10 @@ def test_the_wait_for_a_joint_with_another_request_is_bounded(rig: FakeRig) -> N
     assert rig.bench.now() < 20e9
 
 
-def test_the_servos_are_relaxed_at_the_end_also_if_a_request_fails_to_end(rig: FakeRig) -> None:
+def test_the_servos_are_relaxed_at_the_end_also_if_a_request_fails_to_end(rig):
     run(rig.bus.switching_torque(None, True))
 
-    def steps() -> Steps[None]:
+    def steps():
         try:
             while True:
                 yield 0.0
@@ -234,16 +232,14 @@ def test_the_servos_are_relaxed_at_the_end_also_if_a_request_fails_to_end(rig: F
 
 
 @pytest.fixture
-def holding() -> Rig:
+def holding():
     """Return a joint with torque on."""
     rig = Rig(SimulatedServo(1, "XM430-W350", boot_time=0.1))
     rig.go(0.3)
     return rig
 
 
-def test_torque_is_called_on_when_it_is_on_though_the_bus_has_not_switched_it_off(
-    holding: Rig,
-) -> None:
+def test_torque_is_called_on_when_it_is_on_though_the_bus_has_not_switched_it_off(holding):
     holding.servos[0].set_register("Torque Enable", 0)  # by another program
     on = submit(holding.bus, holding.bus.switching_torque(None, True))
     while not on.done():
@@ -252,7 +248,7 @@ def test_torque_is_called_on_when_it_is_on_though_the_bus_has_not_switched_it_of
     assert holding.torque == [1]
 
 
-def test_a_joint_that_is_relaxed_while_its_torque_is_checked_stays_relaxed(holding: Rig) -> None:
+def test_a_joint_that_is_relaxed_while_its_torque_is_checked_stays_relaxed(holding):
     for steps in range(16):
         run(holding.bus.switching_torque(None, True), holding.bench.pass_time)
         holding.servos[0].set_register("Torque Enable", 0)
@@ -291,8 +287,8 @@ def silent(holding: Rig) -> None:
 
 @pytest.mark.parametrize("fails", [stopped, cancelled, silent])
 def test_a_joint_that_was_relaxed_on_request_stays_so_if_its_torque_does_not_come_on(
-    holding: Rig, fails: Callable[[Rig], None]
-) -> None:
+    holding, fails
+):
     run(holding.bus.switching_torque(None, False))
     fails(holding)
     holding.step(20)
@@ -305,7 +301,7 @@ def test_a_joint_that_was_relaxed_on_request_stays_so_if_its_torque_does_not_com
     assert holding.go(0.1).states["j1"].position == pytest.approx(0.1, abs=0.02)
 
 
-def test_resume_does_not_hold_a_joint_that_is_relaxed_at_the_same_time() -> None:
+def test_resume_does_not_hold_a_joint_that_is_relaxed_at_the_same_time():
     """The bus executes both requests in one cycle."""
     bench, loop = Bench([SimulatedServo(1)]), ControlLoop(None)
     bus = bench.servo_bus([PAN], loop.owners.epoch)

@@ -36,9 +36,7 @@ MODELS = ["AX-12", "XM430-W350", "STS3215"]
 
 @pytest.mark.parametrize("name", MODELS)
 @pytest.mark.parametrize("between", ["stop", "relax, stop", "torque on"])
-def test_a_shut_down_servo_is_recovered_whatever_was_asked_of_it_before(
-    name: str, between: str
-) -> None:
+def test_a_shut_down_servo_is_recovered_whatever_was_asked_of_it_before(name, between):
     rig = Rig(SimulatedServo(1, servo_model(name), boot_time=0.1))
     rig.go(0.3)
     rig.servos[0].overload()
@@ -69,9 +67,7 @@ def test_a_shut_down_servo_is_recovered_whatever_was_asked_of_it_before(
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_a_servo_that_shut_down_while_its_cable_was_out_is_relaxed_when_it_returns(
-    name: str,
-) -> None:
+def test_a_servo_that_shut_down_while_its_cable_was_out_is_relaxed_when_it_returns(name):
     servo = SimulatedServo(1, servo_model(name))
     rig = Rig(servo)
     rig.go(0.3)
@@ -85,7 +81,7 @@ def test_a_servo_that_shut_down_while_its_cable_was_out_is_relaxed_when_it_retur
     assert rig.torque == [0]
 
 
-def test_a_servo_found_shut_down_at_the_start_takes_no_commands_until_it_is_recovered() -> None:
+def test_a_servo_found_shut_down_at_the_start_takes_no_commands_until_it_is_recovered():
     servo = SimulatedServo(1)
     servo.overload()
     servo.set_register("Torque Limit", 0)
@@ -99,9 +95,7 @@ def test_a_servo_found_shut_down_at_the_start_takes_no_commands_until_it_is_reco
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_a_head_that_still_moves_when_it_is_resumed_does_not_return_to_where_it_was(
-    name: str,
-) -> None:
+def test_a_head_that_still_moves_when_it_is_resumed_does_not_return_to_where_it_was(name):
     rig = Rig(SimulatedServo(1, servo_model(name)))
     rig.go(-0.6)
     rig.go(0.6, 10)
@@ -125,9 +119,7 @@ def test_a_head_that_still_moves_when_it_is_resumed_does_not_return_to_where_it_
         ("STS3215", "Position Offset", 1),
     ],
 )
-def test_torque_stays_off_in_a_servo_that_another_program_has_set_up_anew(
-    name: str, register: str, value: int
-) -> None:
+def test_torque_stays_off_in_a_servo_that_another_program_has_set_up_anew(name, register, value):
     servo = SimulatedServo(1, name)
     rig = Rig(servo)
     right = servo.register(register)
@@ -148,7 +140,7 @@ def test_torque_stays_off_in_a_servo_that_another_program_has_set_up_anew(
 @pytest.mark.parametrize(
     "name", ["AX-12", "XM430-W350", "XL430-W250", "XL330-M288", "XL-320", "STS3215"]
 )
-def test_default_memory_settings_keep_the_protection_that_a_servo_has(name: str) -> None:
+def test_default_memory_settings_keep_the_protection_that_a_servo_has(name):
     rig = Rig(SimulatedServo(1, servo_model(name)))
     before = rig.servos[0].register("Shutdown")
     changed = run(rig.bus.writing_eeprom("j1", EepromSettings()), rig.bench.pass_time)
@@ -159,7 +151,7 @@ def test_default_memory_settings_keep_the_protection_that_a_servo_has(name: str)
 # Relaxing waits for nobody
 
 
-def test_relaxing_is_done_in_the_cycle_it_is_asked_for_whatever_is_under_way() -> None:
+def test_relaxing_is_done_in_the_cycle_it_is_asked_for_whatever_is_under_way():
     xm = servo_model("XM430-W350")
     rig = Rig(*(SimulatedServo(i, xm, boot_time=1.0) for i in (1, 2, 3)))
     for _ in range(40):
@@ -187,7 +179,7 @@ def test_relaxing_is_done_in_the_cycle_it_is_asked_for_whatever_is_under_way() -
 
 
 @pytest.mark.parametrize("cycles", [1, 4, 7])
-def test_an_adapter_that_goes_before_torque_comes_on_does_not_block_the_joint(cycles: int) -> None:
+def test_an_adapter_that_goes_before_torque_comes_on_does_not_block_the_joint(cycles):
     rig = Rig(SimulatedServo(1), SimulatedServo(2))
     for _ in range(3):  # keep the steps of the goal waiting
         submit(rig.bus, rig.bus.writing_eeprom("j2", EepromSettings()))
@@ -205,7 +197,7 @@ def test_an_adapter_that_goes_before_torque_comes_on_does_not_block_the_joint(cy
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_closing_brakes_before_it_relaxes(name: str) -> None:
+def test_closing_brakes_before_it_relaxes(name):
     model = servo_model(name)
     servo = SimulatedServo(1, model, position=model.ticks // 4)
     rig = Rig(servo)
@@ -223,7 +215,7 @@ def test_closing_brakes_before_it_relaxes(name: str) -> None:
     assert abs(servo.true_position - before) < 0.35  # 20 degrees; 141 without braking
 
 
-def test_a_servo_whose_firmware_has_no_watchdog_works_without_and_that_is_told() -> None:
+def test_a_servo_whose_firmware_has_no_watchdog_works_without_and_that_is_told():
     rig = Rig(SimulatedServo(1, servo_model("XM430-W350"), firmware=37))
     assert rig.go(0.2).states["j1"].position == pytest.approx(0.2, abs=0.02)
     assert EventKind.ALARM in rig.kinds
@@ -233,7 +225,7 @@ def test_a_servo_whose_firmware_has_no_watchdog_works_without_and_that_is_told()
 # Limits
 
 
-def test_limits_that_would_turn_a_joint_round_are_refused_while_it_runs() -> None:
+def test_limits_that_would_turn_a_joint_round_are_refused_while_it_runs():
     rig = Rig(SimulatedServo(1))
     rig.go(0.2)
     with pytest.raises(ConfigurationError, match="direction"):
@@ -254,14 +246,12 @@ def test_limits_that_would_turn_a_joint_round_are_refused_while_it_runs() -> Non
         ("STS3215", 57_600, 0.016),
     ],
 )
-def test_no_cycle_takes_much_longer_while_a_servo_returns(
-    name: str, baud_rate: int, latency: float
-) -> None:
+def test_no_cycle_takes_much_longer_while_a_servo_returns(name, baud_rate, latency):
     model = servo_model(name)
     servos = [SimulatedServo(i, model, boot_time=0.0) for i in (1, 2)]
     rig = Rig(*servos, baud_rate=baud_rate, latency=latency)
 
-    def cycle() -> float:
+    def cycle():
         rig.bench.pass_time(0.0507)
         begin = rig.bench.now()
         rig.bus.command({"j2": Goal(0.2)})
@@ -287,9 +277,7 @@ def test_no_cycle_takes_much_longer_while_a_servo_returns(
 
 @pytest.mark.parametrize("count", [2, 3])
 @pytest.mark.parametrize("name", MODELS)
-def test_torque_comes_on_while_another_servo_is_lost_behind_a_slow_adapter(
-    name: str, count: int
-) -> None:
+def test_torque_comes_on_while_another_servo_is_lost_behind_a_slow_adapter(name, count):
     servos = [SimulatedServo(i, servo_model(name)) for i in range(1, count + 1)]
     rig = Rig(*servos, latency=0.016, baud_rate=57_600)
     servos[-1].power_off()
@@ -299,7 +287,7 @@ def test_torque_comes_on_while_another_servo_is_lost_behind_a_slow_adapter(
     assert on.exception(0.0) is None
 
 
-def test_asking_lost_servos_takes_at_most_half_of_the_time_of_switching_torque_on() -> None:
+def test_asking_lost_servos_takes_at_most_half_of_the_time_of_switching_torque_on():
     """Behind a slow adapter, where each question takes longer than a cycle."""
     rig = Rig(*[SimulatedServo(i, servo_model("XM430-W350")) for i in range(1, 8)], latency=0.016)
     for servo in rig.servos[4:]:
@@ -313,7 +301,7 @@ def test_asking_lost_servos_takes_at_most_half_of_the_time_of_switching_torque_o
     assert rig.bench.now() - before < 2_000_000_000
 
 
-def test_many_servos_behind_a_slow_adapter_move_though_a_cycle_takes_long() -> None:
+def test_many_servos_behind_a_slow_adapter_move_though_a_cycle_takes_long():
     servos = [SimulatedServo(i, boot_time=0.1) for i in range(1, 15)]
     rig = Rig(*servos, latency=0.016, connect=False)
     rig.bus.connect()
@@ -327,7 +315,7 @@ def test_many_servos_behind_a_slow_adapter_move_though_a_cycle_takes_long() -> N
 
 
 @pytest.mark.parametrize("returning", [12, 14])
-def test_each_of_several_lost_servos_is_asked_though_cycles_take_long(returning: int) -> None:
+def test_each_of_several_lost_servos_is_asked_though_cycles_take_long(returning):
     rig = Rig(*[SimulatedServo(i, boot_time=0.0) for i in range(1, 15)], latency=0.016)
     for servo in rig.servos[11:]:
         servo.power_off()
@@ -337,7 +325,7 @@ def test_each_of_several_lost_servos_is_asked_though_cycles_take_long(returning:
     assert not rig.bus.joint(f"j{returning}").lost
 
 
-def test_many_servos_behind_a_slow_adapter_confirm_at_the_end() -> None:
+def test_many_servos_behind_a_slow_adapter_confirm_at_the_end():
     model = servo_model("XM430-W350")
     rig = Rig(*[SimulatedServo(i, model) for i in range(1, 15)], latency=0.016)
     on = submit(rig.bus, rig.bus.switching_torque(None, True))
@@ -348,14 +336,14 @@ def test_many_servos_behind_a_slow_adapter_confirm_at_the_end() -> None:
 
 
 @pytest.mark.parametrize("where", ["read", "write"])
-def test_a_pause_of_the_process_within_a_cycle_is_noticed_at_once(where: str) -> None:
+def test_a_pause_of_the_process_within_a_cycle_is_noticed_at_once(where):
     settings = BusSettings(watchdog=0.2)
     rig = Rig(SimulatedServo(1, servo_model("XM430-W350")), settings=settings)
     rig.go(0.2)
     line, pauses = rig.bench.line, [2.0]
     original = getattr(line, where)
 
-    def late(*arguments: object) -> object:
+    def late(*arguments):
         if pauses:
             rig.bench.pass_time(pauses.pop())
         return original(*arguments)
@@ -368,7 +356,7 @@ def test_a_pause_of_the_process_within_a_cycle_is_noticed_at_once(where: str) ->
     ]
 
 
-def test_a_long_cycle_is_no_pause() -> None:
+def test_a_long_cycle_is_no_pause():
     rig = Rig(*[SimulatedServo(i) for i in range(1, 15)], latency=0.016)
     before = rig.bench.now()
     rig.step()
@@ -382,9 +370,7 @@ def test_a_long_cycle_is_no_pause() -> None:
 
 
 @pytest.mark.parametrize(("name", "pause"), [("AX-12", 0.9), ("XM430-W350", 3.0), ("STS3215", 0.9)])
-def test_power_that_went_while_the_bus_stood_still_leaves_the_joint_relaxed(
-    name: str, pause: float
-) -> None:
+def test_power_that_went_while_the_bus_stood_still_leaves_the_joint_relaxed(name, pause):
     servo = SimulatedServo(1, name, boot_time=0.1)
     rig = Rig(servo)
     rig.go(0.5)
@@ -403,7 +389,7 @@ def test_power_that_went_while_the_bus_stood_still_leaves_the_joint_relaxed(
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_a_joint_that_kept_its_torque_goes_on_after_the_bus_stood_still(name: str) -> None:
+def test_a_joint_that_kept_its_torque_goes_on_after_the_bus_stood_still(name):
     rig = Rig(SimulatedServo(1, name))
     rig.go(0.5)
     rig.bench.pass_time(0.6)
@@ -415,9 +401,7 @@ def test_a_joint_that_kept_its_torque_goes_on_after_the_bus_stood_still(name: st
 
 @pytest.mark.parametrize("stop", [False, True])
 @pytest.mark.parametrize("name", MODELS)
-def test_torque_that_another_program_switches_on_is_switched_off_and_named(
-    name: str, stop: bool
-) -> None:
+def test_torque_that_another_program_switches_on_is_switched_off_and_named(name, stop):
     rig = Rig(*(SimulatedServo(i, servo_model(name)) for i in (1, 2, 3)))
     rig.go(0.3)
     if stop:
@@ -431,7 +415,7 @@ def test_torque_that_another_program_switches_on_is_switched_off_and_named(
     assert not rig.bus.statistics().servos[1].symptoms
 
 
-def test_torque_that_another_program_switches_off_is_reported_though_nothing_moves() -> None:
+def test_torque_that_another_program_switches_off_is_reported_though_nothing_moves():
     rig = Rig(*(SimulatedServo(i, "XM430-W350") for i in (1, 2)))
     rig.go(0.3)
     rig.servos[0].set_register("Torque Enable", 0)
@@ -444,13 +428,13 @@ def test_torque_that_another_program_switches_off_is_reported_though_nothing_mov
 # Who is there
 
 
-def test_two_servos_with_one_id_are_suspected_at_the_start() -> None:
+def test_two_servos_with_one_id_are_suspected_at_the_start():
     rig = Rig(SimulatedServo(1, position=300), SimulatedServo(1, position=700), connect=False)
     with pytest.raises(CorruptReplyError):
         rig.bus.connect()
 
 
-def test_two_servos_with_one_id_are_reported_once() -> None:
+def test_two_servos_with_one_id_are_reported_once():
     twins = SimulatedServo(1, position=512), SimulatedServo(1, position=512)
     rig = Rig(*twins, SimulatedServo(2))
     rig.step(20)
@@ -465,7 +449,7 @@ def test_two_servos_with_one_id_are_reported_once() -> None:
     assert "j2" in rig.step().states
 
 
-def test_an_event_that_repeats_is_logged_twice_and_again_after_a_while() -> None:
+def test_an_event_that_repeats_is_logged_twice_and_again_after_a_while():
     rig = Rig(SimulatedServo(1), SimulatedServo(2))
     for _ in range(3):
         for switch in (rig.servos[0].power_off, rig.servos[0].power_on):
@@ -479,9 +463,7 @@ def test_an_event_that_repeats_is_logged_twice_and_again_after_a_while() -> None
 
 
 @pytest.mark.parametrize(("name", "between"), zip(MODELS, range(3), strict=True))
-def test_torque_that_is_asked_for_while_relaxing_is_confirmed_stays_on(
-    name: str, between: int
-) -> None:
+def test_torque_that_is_asked_for_while_relaxing_is_confirmed_stays_on(name, between):
     rig = Rig(*(SimulatedServo(i, servo_model(name)) for i in range(1, 9)))
     run(rig.bus.switching_torque(None, True))
     rig.step()
@@ -529,7 +511,7 @@ def calls(name: str) -> Counter[str]:
 
 
 @pytest.mark.parametrize("name", ["AX-12", "MX-28", "XM430-W350", "XL-320", "STS3215", "SCS0009"])
-def test_a_cycle_without_trouble_takes_few_calls(name: str) -> None:
+def test_a_cycle_without_trouble_takes_few_calls(name):
     counted = calls(name)
     assert counted.total() <= 60, counted
     assert not counted["protocol.py:find_packet"]  # only for unusual bytes

@@ -152,9 +152,7 @@ relaxed = settings(
 )
 @relaxed
 @given(data=st.data())
-def test_no_servo_turns_through_what_is_forbidden(
-    data: st.DataObject, name: str, pair: bool
-) -> None:
+def test_no_servo_turns_through_what_is_forbidden(data, name, pair):
     drive(data.draw(cases(name, pair)))
 
 
@@ -169,7 +167,7 @@ def test_no_servo_turns_through_what_is_forbidden(
         Case("STS3215", 0, 900, 500, None, -140, (0.9, 0.0)),
     ],
 )
-def test_no_servo_turns_over_the_end_of_its_scale(case: Case) -> None:
+def test_no_servo_turns_over_the_end_of_its_scale(case):
     drive(case)
 
 
@@ -184,9 +182,7 @@ def test_no_servo_turns_over_the_end_of_its_scale(case: Case) -> None:
         ("STS3250", 2047, 200),
     ],
 )
-def test_no_servo_overshoots_the_end_of_its_scale_at_full_speed(
-    name: str, low: int, distance: int
-) -> None:
+def test_no_servo_overshoots_the_end_of_its_scale_at_full_speed(name, low, distance):
     end, away = (low, distance) if low == 0 else (low + 2048, low + 2048 - distance)
     rig = Led(Case(name, low, low + 2048, low + 1024, None, away, ()))
     rig.lead(rig.case.start)
@@ -208,7 +204,7 @@ SEAM = [
 
 
 @pytest.mark.parametrize("case", SEAM)
-def test_torque_beyond_the_seam_is_refused_until_the_shaft_is_turned_back(case: Case) -> None:
+def test_torque_beyond_the_seam_is_refused_until_the_shaft_is_turned_back(case):
     rig = drive(case)
     assert rig.bus.joint("j").torque is Torque.OFF_UNTIL_COMMANDED
     assert not any(rig.torque)
@@ -224,8 +220,8 @@ def test_torque_beyond_the_seam_is_refused_until_the_shaft_is_turned_back(case: 
     [(1, False, True), (3, False, False), (3, True, True), (9, False, False), (255, True, False)],
 )
 def test_a_servo_that_obeys_packets_with_goals_of_another_servo_is_refused(
-    secondary: int, mirrored: bool, refused: bool
-) -> None:
+    secondary, mirrored, refused
+):
     model = servo_model("XM430-W350")
     servos = [SimulatedServo(i, model) for i in (1, 2, 3)]
     servos[1].set_register("Secondary ID", secondary)

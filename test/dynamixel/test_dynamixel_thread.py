@@ -15,7 +15,6 @@ from head_tracking.control import ControlLoop
 from head_tracking.control.dynamixel_backend import DynamixelBackend
 from head_tracking.dynamixel import (
     BusEvent,
-    BusReading,
     BusStoppedError,
     BusThread,
     ConfigurationError,
@@ -44,9 +43,9 @@ def started(bench: Bench, *callbacks: Callable[[Any], object], rate: float = 100
     return thread
 
 
-def test_thread_hands_out_readings_and_measures_itself() -> None:
-    readings: list[BusReading] = []
-    errors: list[BaseException] = []
+def test_thread_hands_out_readings_and_measures_itself():
+    readings = []
+    errors = []
     thread = started(fake_bench(), readings.append, errors.append, rate=200.0)
     wait_for(lambda: thread.timing.reached_rate > 0.0)
     thread.stop()
@@ -59,7 +58,7 @@ def test_thread_hands_out_readings_and_measures_itself() -> None:
 
 
 @pytest.mark.parametrize("started", [False, True])
-def test_requests_fail_when_the_thread_has_ended(started: bool) -> None:
+def test_requests_fail_when_the_thread_has_ended(started):
     bench = fake_bench()
     thread = made(bench)
     waiting = thread.bus.requests.add(lambda: None)
@@ -74,17 +73,15 @@ def test_requests_fail_when_the_thread_has_ended(started: bool) -> None:
 
 
 @pytest.mark.parametrize("failure", [RuntimeError("callback"), SystemExit(1)])
-def test_exception_in_the_callback_relaxes_the_servos_and_is_reported(
-    failure: BaseException,
-) -> None:
+def test_exception_in_the_callback_relaxes_the_servos_and_is_reported(failure):
     bench = fake_bench()
-    reported: list[tuple[BaseException, int]] = []
+    reported = []
 
-    def explode(reading: BusReading) -> None:
+    def explode(reading):
         if reading.states["head_pan_joint"].goal is not None:
             raise failure
 
-    def report(error: BaseException) -> None:
+    def report(error):
         reported.append((error, bench.torque[0]))
 
     thread = started(bench, explode, report)
@@ -97,10 +94,10 @@ def test_exception_in_the_callback_relaxes_the_servos_and_is_reported(
     thread.stop()
 
 
-def test_port_that_cannot_come_back_ends_the_thread_and_is_reported() -> None:
+def test_port_that_cannot_come_back_ends_the_thread_and_is_reported():
     bench = fake_bench()
     bench.port.name = "/dev/pts/99"
-    reported: list[BaseException] = []
+    reported = []
     thread = started(bench, lambda _: None, reported.append)
     bench.line.plugged = False
     wait_for(lambda: bool(reported))
@@ -109,9 +106,7 @@ def test_port_that_cannot_come_back_ends_the_thread_and_is_reported() -> None:
     thread.stop()
 
 
-def test_a_bus_that_is_slow_to_close_is_not_called_hanging(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_bus_that_is_slow_to_close_is_not_called_hanging(monkeypatch):
     release, bench = threading.Event(), fake_bench()
     thread, close = started(bench), bench.port.close
     monkeypatch.setattr(bench.port, "close", lambda: (release.wait(PATIENCE), close()))
@@ -120,7 +115,7 @@ def test_a_bus_that_is_slow_to_close_is_not_called_hanging(
     assert thread.unconfirmed == () and thread.bus.requests.closed
 
 
-def test_a_bus_that_is_connected_again_serves_another_thread() -> None:
+def test_a_bus_that_is_connected_again_serves_another_thread():
     bench = fake_bench()
     first = made(bench)
     first.stop()
@@ -161,8 +156,8 @@ def write(backend: DynamixelBackend, **goals: float) -> None:
     backend.write("somebody", {name: Goal(goal) for name, goal in goals.items()}, 0)
 
 
-def test_goals_that_one_bus_refuses_do_not_stop_the_other() -> None:
-    reported: list[str] = []
+def test_goals_that_one_bus_refuses_do_not_stop_the_other():
+    reported = []
     buses, benches = make((PAN,), (TILT,), report=lambda subject, _: reported.append(subject))
     write(buses, head_pan_joint=0.1, elbow=0.1)
     buses.threads[0].bus.step()
@@ -175,7 +170,7 @@ def test_goals_that_one_bus_refuses_do_not_stop_the_other() -> None:
     buses.close()
 
 
-def test_request_runs_in_the_thread_of_each_bus_with_its_share() -> None:
+def test_request_runs_in_the_thread_of_each_bus_with_its_share():
     buses, benches = make((PAN,), (TILT,))
     buses.start()
     for future in buses.call(None, lambda bus, joints: run(bus.switching_torque(joints, True))):
@@ -197,9 +192,7 @@ def test_request_runs_in_the_thread_of_each_bus_with_its_share() -> None:
         (TILT, False),  # a STOP of the loop would not overtake it
     ],
 )
-def test_buses_that_do_not_fit_together_are_refused(
-    other: JointConfiguration, same_epoch: bool
-) -> None:
+def test_buses_that_do_not_fit_together_are_refused(other, same_epoch):
     loop = ControlLoop(None)
     epochs = loop.owners.epoch, loop.owners.epoch if same_epoch else None
     buses = [
@@ -210,7 +203,7 @@ def test_buses_that_do_not_fit_together_are_refused(
         DynamixelBackend(buses, loop, 50.0)
 
 
-def test_of_several_buses_all_are_connected_or_none() -> None:
+def test_of_several_buses_all_are_connected_or_none():
     backend, benches = make((PAN,), (TILT,))
     backend.close()
     benches[1].bus[2].set_register("ID", 9)
@@ -220,10 +213,8 @@ def test_of_several_buses_all_are_connected_or_none() -> None:
 
 
 @pytest.mark.parametrize("lost", [False, True], ids=["relaxed", "lost"])
-def test_a_joint_that_takes_no_goals_is_left_out_of_a_stream_and_that_is_reported(
-    lost: bool,
-) -> None:
-    reported: list[str] = []
+def test_a_joint_that_takes_no_goals_is_left_out_of_a_stream_and_that_is_reported(lost):
+    reported = []
     backend, (bench,) = make((PAN, TILT), report=lambda subject, _: reported.append(subject))
     bus = backend.threads[0].bus
     if lost:
@@ -248,13 +239,11 @@ def test_a_joint_that_takes_no_goals_is_left_out_of_a_stream_and_that_is_reporte
     backend.close()
 
 
-def test_a_joint_that_cannot_hold_is_known_as_stuck_whatever_part_of_the_cycle_finds_out() -> None:
+def test_a_joint_that_cannot_hold_is_known_as_stuck_whatever_part_of_the_cycle_finds_out():
     loop = ControlLoop(None)
     backend, _ = make((PAN,), loop=loop)
     refused = BusEvent(EventKind.TORQUE_FAILED, "head_pan_joint", "it cannot hold", stuck=True)
-    backend.threads[0].bus.cycle.write = lambda reading: reading._replace(  # type: ignore[method-assign]
-        events=(refused,)
-    )
+    backend.threads[0].bus.cycle.write = lambda reading: reading._replace(events=(refused,))
     backend.start()
     try:
         wait_for(lambda: loop.stuck)
@@ -264,13 +253,11 @@ def test_a_joint_that_cannot_hold_is_known_as_stuck_whatever_part_of_the_cycle_f
 
 
 @pytest.mark.parametrize("failing", [0, 1])
-def test_a_stop_that_an_unexpected_error_ends_is_not_called_confirmed(
-    failing: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_stop_that_an_unexpected_error_ends_is_not_called_confirmed(failing, monkeypatch):
     buses, benches = make((PAN,), (TILT,))
     hold(buses)
 
-    def fail(*_: object, **__: object) -> None:
+    def fail(*_, **__):
         raise RuntimeError
 
     with monkeypatch.context() as patch:
@@ -284,12 +271,12 @@ def test_a_stop_that_an_unexpected_error_ends_is_not_called_confirmed(
 
 
 @pytest.mark.parametrize("other_stop", [False, True])
-def test_a_stop_is_carried_out_where_the_port_is_not_free(other_stop: bool) -> None:
+def test_a_stop_is_carried_out_where_the_port_is_not_free(other_stop):
     buses, benches = make((PAN,), (TILT,))
     hold(buses)
     begun, end = threading.Event(), threading.Event()
 
-    def occupy(_: ServoBus) -> None:
+    def occupy(_):
         begun.set()
         end.wait(0.1 if other_stop else PATIENCE)  # a while; too long
 
@@ -306,10 +293,10 @@ def test_a_stop_is_carried_out_where_the_port_is_not_free(other_stop: bool) -> N
     assert buses.joint(PAN.joint_name).torque is Torque.OFF_UNTIL_COMMANDED
 
 
-def test_all_buses_are_stopped_and_relaxed_though_one_hangs() -> None:
+def test_all_buses_are_stopped_and_relaxed_though_one_hangs():
     hanging, release = threading.Event(), threading.Event()
 
-    def on_reading(bus: ServoBus, reading: BusReading) -> None:
+    def on_reading(bus, reading):
         pan = reading.states.get("head_pan_joint")
         if pan is not None and pan.goal is not None:
             hanging.set()
@@ -319,7 +306,7 @@ def test_all_buses_are_stopped_and_relaxed_though_one_hangs() -> None:
     try:
         buses.start()
 
-        def hangs() -> bool:
+        def hangs():
             write(buses, head_pan_joint=0.2, head_tilt_joint=0.2)
             return hanging.is_set() and bool(benches[1].bus[2].register("Torque Enable"))
 

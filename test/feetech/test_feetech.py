@@ -19,7 +19,6 @@ from head_tracking.dynamixel import (
     EventKind,
     Goal,
     JointConfiguration,
-    ServoModel,
     Torque,
     check_configuration,
     servo_model,
@@ -66,9 +65,7 @@ VECTORS = {
 
 
 @pytest.mark.parametrize(("printed", "ours", "answers"), VECTORS.values(), ids=VECTORS)
-def test_driver_and_simulated_servos_send_what_the_maker_prints(
-    printed: str, ours: bytes, answers: list[str]
-) -> None:
+def test_driver_and_simulated_servos_send_what_the_maker_prints(printed, ours, answers):
     assert ours == bytes.fromhex(printed)
     servos = [SimulatedServo(1, STS, position=1304), SimulatedServo(2, STS, position=2047)]
     for servo in servos:
@@ -80,14 +77,14 @@ def test_driver_and_simulated_servos_send_what_the_maker_prints(
         assert [servos[0].register(name) for name in names] == [2048, 1000, 1]
 
 
-def test_values_of_scs_servos_have_the_high_byte_first() -> None:
+def test_values_of_scs_servos_have_the_high_byte_first():
     scs = servo_model("SCS0009")
     values = scs.goal_values((0x0123, 0x0245, 0))
     assert scs.goal.encode(*values) == bytes.fromhex("01 23 00 00 02 45")
     assert scs.control_table.block("Model Number").layout.unpack(b"\x05\x04") == (1284,)
 
 
-def test_what_is_written_under_the_lock_is_forgotten_at_power_off() -> None:
+def test_what_is_written_under_the_lock_is_forgotten_at_power_off():
     servo = SimulatedServo(1, STS)
     bus = SimulatedBus([servo])
     bus.receive(write_packet(1, 1, 13, b"\x3c"), 0)
@@ -117,12 +114,12 @@ def rig_of(servo: SimulatedServo, joint: JointConfiguration = JOINT) -> Rig:
 
 
 @pytest.mark.parametrize(("model", "offset"), [(STS, 2048), (STS, -2048), (SCS, 10)])
-def test_an_offset_that_a_model_cannot_have_is_refused(model: ServoModel, offset: int) -> None:
+def test_an_offset_that_a_model_cannot_have_is_refused(model, offset):
     with pytest.raises(ConfigurationError):
         replace(joint_of(1, model), offset=offset)
 
 
-def test_a_memory_that_is_being_written_when_the_bus_is_closed_is_locked() -> None:
+def test_a_memory_that_is_being_written_when_the_bus_is_closed_is_locked():
     rig = rig_of(SimulatedServo(1, STS, eeprom_time=0.006))
     submit(rig.bus, rig.bus.writing_eeprom("pan", EepromSettings(return_delay=100.0)))
     for _ in range(20):
@@ -133,10 +130,10 @@ def test_a_memory_that_is_being_written_when_the_bus_is_closed_is_locked() -> No
     assert rig.servos[0].register("EEPROM Lock") == 1
 
 
-def test_a_memory_whose_writing_is_interrupted_is_locked() -> None:
+def test_a_memory_whose_writing_is_interrupted_is_locked():
     rig = rig_of(SimulatedServo(1, STS))
 
-    def interrupt(_: float) -> None:
+    def interrupt(_):
         assert rig.servos[0].register("EEPROM Lock") == 0
         raise KeyboardInterrupt
 
@@ -146,7 +143,7 @@ def test_a_memory_whose_writing_is_interrupted_is_locked() -> None:
     assert kept.traceback
 
 
-def test_a_memory_that_a_killed_program_was_writing_is_locked_at_the_next_start() -> None:
+def test_a_memory_that_a_killed_program_was_writing_is_locked_at_the_next_start():
     rig = rig_of(SimulatedServo(1, STS))
     rig.bus.close()
     rig.servos[0].set_register("EEPROM Lock", 0)
@@ -154,7 +151,7 @@ def test_a_memory_that_a_killed_program_was_writing_is_locked_at_the_next_start(
     assert rig.servos[0].register("EEPROM Lock") == 1
 
 
-def test_a_calibration_that_fits_is_used_again_after_a_restart() -> None:
+def test_a_calibration_that_fits_is_used_again_after_a_restart():
     servo = SimulatedServo(1, STS)
     servo.set_offset(-85)
     for _ in range(2):
@@ -168,7 +165,7 @@ def test_a_calibration_that_fits_is_used_again_after_a_restart() -> None:
 # A calibration that is not that of the servo (lerobot issues 1342, 1360)
 
 
-def test_the_offset_comes_from_the_parameters_of_the_joint() -> None:
+def test_the_offset_comes_from_the_parameters_of_the_joint():
     controller = ControllerParameters(joint_name="pan")
     motor = MotorParameters(model="STS3215", id=1, init=2048, min=1024, max=3072)
     none = SecondMotorParameters()
@@ -183,7 +180,7 @@ def test_the_offset_comes_from_the_parameters_of_the_joint() -> None:
 # Power (SO-ARM100 issue 132: brown-outs reset servos or misplace them)
 
 
-def test_a_brown_out_is_named_and_nothing_moves_until_a_command() -> None:
+def test_a_brown_out_is_named_and_nothing_moves_until_a_command():
     servo = SimulatedServo(1, STS, boot_time=0.3)
     rig = rig_of(servo)
     rig.go(0.5)
@@ -205,7 +202,7 @@ def test_a_brown_out_is_named_and_nothing_moves_until_a_command() -> None:
     assert rig.reading.states["pan"].position == pytest.approx(0.2, abs=0.02)
 
 
-def test_a_servo_for_7_volts_on_12_is_reported_and_works_all_the_same() -> None:
+def test_a_servo_for_7_volts_on_12_is_reported_and_works_all_the_same():
     """lerobot issue 1010: the voltage bit in every reply was read as a failure."""
     joint = replace(JOINT, model=servo_model("STS3215-C001"))
     rig = rig_of(SimulatedServo(1, "STS3215-C001", supply_voltage=12.0), joint)
@@ -214,7 +211,7 @@ def test_a_servo_for_7_volts_on_12_is_reported_and_works_all_the_same() -> None:
     assert EventKind.ALARM in rig.kinds and EventKind.FAULTED not in rig.kinds
 
 
-def test_torque_off_is_obeyed_and_not_a_failure_while_an_overload_is_reported() -> None:
+def test_torque_off_is_obeyed_and_not_a_failure_while_an_overload_is_reported():
     """lelamp_runtime issue 9: torque off was answered with the overload bit."""
     servo = SimulatedServo(1, STS)
     servo.set_register("Shutdown", 0)  # it drives on with its holding torque
@@ -233,7 +230,7 @@ def test_torque_off_is_obeyed_and_not_a_failure_while_an_overload_is_reported() 
 
 
 @pytest.mark.parametrize("other", ["SCS0009", "AX-12", "XM430-W350"])
-def test_families_that_cannot_share_a_line_are_refused(other: str) -> None:
+def test_families_that_cannot_share_a_line_are_refused(other):
     model = servo_model(other)
     center = model.center
     tilt = JointConfiguration(
@@ -243,7 +240,7 @@ def test_families_that_cannot_share_a_line_are_refused(other: str) -> None:
         check_configuration([JOINT, tilt])
 
 
-def test_no_goal_speed_is_read_as_full_speed() -> None:
+def test_no_goal_speed_is_read_as_full_speed():
     """Below 0.732 rpm an STS servo has no speed but 0, which is full speed."""
     rig = rig_of(SimulatedServo(1, STS))
     rig.bus.command({"pan": Goal(0.5, 0.001)})
@@ -253,7 +250,7 @@ def test_no_goal_speed_is_read_as_full_speed() -> None:
     assert rig.servos[0].true_position < 0.1
 
 
-def test_a_goal_resets_the_acceleration_that_another_program_left() -> None:
+def test_a_goal_resets_the_acceleration_that_another_program_left():
     servo = SimulatedServo(1, STS)
     servo.set_register("Acceleration", 10)
     rig = rig_of(servo)

@@ -27,7 +27,7 @@ def _answers(access: Access, kind: str = "http", query: str = "", **headers: str
         "headers": [(name.encode(), value.encode()) for name, value in headers.items()],
         "query_string": query.encode(),
     }
-    asyncio.run(access(scope, None, send))  # type: ignore[arg-type]
+    asyncio.run(access(scope, None, send))
     return sent
 
 
@@ -42,19 +42,19 @@ def _answers(access: Access, kind: str = "http", query: str = "", **headers: str
     ],
 )
 def test_on_loopback_only_names_of_loopback_and_own_pages_are_allowed(
-    kind: str, host: str, origin: str, is_allowed: bool
-) -> None:
+    kind, host, origin, is_allowed
+):
     headers = {"host": host} | ({"origin": origin} if origin else {})
     first = _answers(Access(_app, "127.0.0.1"), kind, **headers)[0]
     assert first.get("status", 403) == (200 if is_allowed else 403)
 
 
 @pytest.mark.parametrize("query", ["", "token=wrong", "token=t%C3%B6ken"])
-def test_beyond_loopback_a_token_is_needed(query: str) -> None:
+def test_beyond_loopback_a_token_is_needed(query):
     assert _answers(Access(_app, "0.0.0.0", "right"), query=query, host="r:1")[0]["status"] == 403
 
 
-def test_the_token_opens_and_its_cookie_does_afterwards() -> None:
+def test_the_token_opens_and_its_cookie_does_afterwards():
     access = Access(_app, "0.0.0.0", "right")
     first = _answers(access, query="token=right", host="robot:8080")[0]
     cookie = dict(first["headers"])[b"set-cookie"].decode().partition(";")[0]
@@ -62,7 +62,7 @@ def test_the_token_opens_and_its_cookie_does_afterwards() -> None:
     assert _answers(access, host="robot:8080", cookie=cookie)[0]["status"] == 200
 
 
-def test_no_site_may_frame_an_answer_and_no_browser_shows_an_older_one() -> None:
+def test_no_site_may_frame_an_answer_and_no_browser_shows_an_older_one():
     for access in (Access(_app, "127.0.0.1"), Access(_app, "0.0.0.0", "right")):
         headers = dict(_answers(access, host="127.0.0.1:1")[0]["headers"])
         assert headers[b"content-security-policy"] == b"frame-ancestors 'none'"
@@ -76,9 +76,7 @@ def test_no_site_may_frame_an_answer_and_no_browser_shows_an_older_one() -> None
         *(("0.0.0.0", "127.0.0.9"), ("::", "127.0.0.9")),
     ],
 )
-def test_the_logged_address_can_be_opened_on_another_machine(
-    monkeypatch: pytest.MonkeyPatch, host: str, name: str
-) -> None:
+def test_the_logged_address_can_be_opened_on_another_machine(monkeypatch, host, name):
     network = ("127.0.0.9", 0)
     monkeypatch.setattr(socket.socket, "connect", lambda probe, _: probe.bind(network))
     assert reached_at(host) == name

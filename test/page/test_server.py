@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from io import BytesIO
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -60,16 +59,16 @@ class _Robot:
 
 
 @pytest.fixture(scope="module")
-def robot() -> _Robot:
+def robot():
     return _Robot()
 
 
 def serve(robot: _Robot, **parameters: Any) -> Page:
-    return Page(robot, PageParameters(**parameters), print)  # type: ignore[arg-type]
+    return Page(robot, PageParameters(**parameters), print)
 
 
 @pytest.fixture(scope="module")
-def page(robot: _Robot) -> Iterator[Page]:
+def page(robot):
     served = serve(robot, port=0, max_browsers=2)
     yield served
     robot.go_on.set()
@@ -77,14 +76,14 @@ def page(robot: _Robot) -> Iterator[Page]:
 
 
 @pytest.fixture
-def client(page: Page) -> Iterator[httpx.Client]:
+def client(page):
     base = f"http://127.0.0.1:{page.port}"
     with httpx.Client(base_url=base, headers=_MARK, timeout=60.0) as opened:
         yield opened
 
 
-def test_stop_does_not_wait_for_commands_that_hang(robot: _Robot, client: httpx.Client) -> None:
-    def ask(_: int) -> bool:
+def test_stop_does_not_wait_for_commands_that_hang(robot, client):
+    def ask(_):
         return client.post("/head/do/mode", json={"mode": "face"}).is_success
 
     with ThreadPoolExecutor(_COMMANDS) as browsers:
@@ -114,14 +113,14 @@ def visited(
 
 
 @pytest.fixture
-def tab(browser: Any, page: Page) -> Iterator[Any]:
+def tab(browser, page):
     """The page in a browser, once it has heard of the robot."""
     with visited(browser, page.port) as opened:
         opened.wait_for_function("window.headPage?.about")
         yield opened
 
 
-def test_stop_does_not_wait_for_a_connection_of_the_browser(robot: _Robot, tab: Any) -> None:
+def test_stop_does_not_wait_for_a_connection_of_the_browser(robot, tab):
     """A browser opens six to a server; here, a request hangs in each."""
     robot.go_on.clear()
     tab.evaluate(
@@ -138,10 +137,8 @@ def test_stop_does_not_wait_for_a_connection_of_the_browser(robot: _Robot, tab: 
     robot.go_on.set()
 
 
-def test_a_stop_is_not_given_up_when_it_is_lost_or_its_answer_is_late(
-    robot: _Robot, tab: Any
-) -> None:
-    held: list[Any] = []
+def test_a_stop_is_not_given_up_when_it_is_lost_or_its_answer_is_late(robot, tab):
+    held = []
     tab.route("**/head/stop", lambda route: held.append(route))  # noqa: PLW0108
     tab.route("**/head/stop", lambda route: route.abort(), times=1)  # the server has just ended
     before = robot.stops
@@ -154,12 +151,10 @@ def test_a_stop_is_not_given_up_when_it_is_lost_or_its_answer_is_late(
     tab.get_by_text("relaxed", exact=True).wait_for()
 
 
-def test_a_browser_whose_connection_is_dead_says_so_and_opens_another_one(
-    browser: Any, page: Page
-) -> None:
+def test_a_browser_whose_connection_is_dead_says_so_and_opens_another_one(browser, page):
     is_dead = threading.Event()
 
-    def network(near: Any) -> None:
+    def network(near):
         """Pass messages on, until what is sent is lost, silently; only the first connection."""
         far, is_first = near.connect_to_server(), not is_dead.is_set()
         for one, other in ((near, far), (far, near)):
@@ -172,7 +167,7 @@ def test_a_browser_whose_connection_is_dead_says_so_and_opens_another_one(
         tab.wait_for_function("!headPage.silent")
 
 
-def test_a_browser_connects_again_if_the_reason_of_a_refusal_is_late(tab: Any) -> None:
+def test_a_browser_connects_again_if_the_reason_of_a_refusal_is_late(tab):
     tab.evaluate(
         """() => {
           window.fetch = async () => ({ ok: false, text: () => Promise.reject(new Error("late")) });
@@ -196,7 +191,7 @@ _SHOW_ABOUT = """(error, can_resume = false, mode = "nothing") => headPage.showA
 @pytest.mark.parametrize(
     "stop", ["headPage.stop()", f"({_SHOW_ABOUT})(0, true)"], ids=["here", "elsewhere"]
 )
-def test_stop_answers_an_open_question_with_no(tab: Any, stop: str) -> None:
+def test_stop_answers_an_open_question_with_no(tab, stop):
     tab.evaluate(
         """() => {
           headPage.tuning.ask("Can the head move freely?").then((yes) => { window.answer = yes; });
@@ -206,8 +201,8 @@ def test_stop_answers_an_open_question_with_no(tab: Any, stop: str) -> None:
     tab.wait_for_function("window.answer === false")
 
 
-def test_during_a_replay_a_browser_sends_stop_only(robot: _Robot, tab: Any) -> None:
-    asked: list[str] = []
+def test_during_a_replay_a_browser_sends_stop_only(robot, tab):
+    asked = []
     tab.on("request", lambda request: asked.append(request.url.rpartition("/")[2]))
     robot_shown = {"name": "r", "root": "base", "independent": [], "joints": [], "shapes": []}
     replay = {"key": "1", "duration": 1.0, "moments": [], "pictures": False, "robot": robot_shown}
@@ -220,7 +215,7 @@ def test_during_a_replay_a_browser_sends_stop_only(robot: _Robot, tab: Any) -> N
     assert not {"torque", "centre", "reset", "record"} & set(asked)
 
 
-def test_what_changes_meanwhile_takes_no_click_and_no_focus(tab: Any) -> None:
+def test_what_changes_meanwhile_takes_no_click_and_no_focus(tab):
     tab.locator("#tab-health").click()
     tab.evaluate(_SHOW_ABOUT, 1)
     tab.locator("#statuses summary").focus()
@@ -234,7 +229,7 @@ def test_what_changes_meanwhile_takes_no_click_and_no_focus(tab: Any) -> None:
     assert tab.locator("#statuses dd").text_content() == "3"
 
 
-def test_an_empty_field_of_another_mode_does_not_keep_the_path_from_being_sent(tab: Any) -> None:
+def test_an_empty_field_of_another_mode_does_not_keep_the_path_from_being_sent(tab):
     tab.locator("#x").evaluate("input => { input.value = ''; }")
     tab.evaluate(f"({_SHOW_ABOUT})(0, false, 'path')")
     with tab.expect_request("**/head/do/path") as asked:
@@ -243,7 +238,7 @@ def test_an_empty_field_of_another_mode_does_not_keep_the_path_from_being_sent(t
     assert {**asked.value.post_data_json, **path} == asked.value.post_data_json
 
 
-def test_a_robot_without_a_camera_is_told_from_one_whose_picture_is_late(tab: Any) -> None:
+def test_a_robot_without_a_camera_is_told_from_one_whose_picture_is_late(tab):
     show = f"""(has_camera) => {{
       ({_SHOW_ABOUT})(0);  // at once: the robot, which fails, is shown as well
       headPage.showAbout({{ ...headPage.about, has_camera }});
@@ -252,14 +247,14 @@ def test_a_robot_without_a_camera_is_told_from_one_whose_picture_is_late(tab: An
     assert tab.evaluate(show, True) != tab.evaluate(show, False)
 
 
-def test_the_card_of_a_frame_follows_none_until_one_is_chosen(tab: Any) -> None:
+def test_the_card_of_a_frame_follows_none_until_one_is_chosen(tab):
     with tab.expect_request("**/head/do/mode") as asked:
         tab.evaluate("() => { headPage.steer.choose('follow a frame'); }")
     asked_for = asked.value.post_data_json
     assert (asked_for["mode"], asked_for.get("frame")) == ("follow a frame", None)
 
 
-def test_the_card_of_the_mode_is_in_view_on_a_phone(tab: Any) -> None:
+def test_the_card_of_the_mode_is_in_view_on_a_phone(tab):
     tab.set_viewport_size({"width": 390, "height": 800})
     for place in ("joints", "live"):  # as after Resume on another tab
         tab.locator(f"#tab-{place}").click()
@@ -278,9 +273,7 @@ Object.defineProperty(window, "localStorage", { get() { throw new Error("denied"
 """
 
 
-def test_an_older_browser_without_3d_and_storage_shows_the_rest(
-    robot: _Robot, browser: Any, page: Page
-) -> None:
+def test_an_older_browser_without_3d_and_storage_shows_the_rest(robot, browser, page):
     with visited(browser, page.port, _OLDER) as tab:
         before = robot.stops
         tab.locator("#stop").dispatch_event("click")
@@ -289,7 +282,7 @@ def test_an_older_browser_without_3d_and_storage_shows_the_rest(
         tab.wait_for_selector("#joints > #robot > .failing", state="attached")
 
 
-def test_stop_needs_the_mark_of_the_page(robot: _Robot, page: Page) -> None:
+def test_stop_needs_the_mark_of_the_page(robot, page):
     before = robot.stops
     assert httpx.post(f"http://127.0.0.1:{page.port}/head/stop").status_code == 403
     assert robot.stops == before
@@ -314,15 +307,15 @@ JSON.parse = ((parse) => (text) => {
     ],
 )
 def test_each_card_says_why_its_part_cannot_be_shown_and_the_rest_is(
-    browser: Any, page: Page, script: str, failing: tuple[str, ...], shown: str
-) -> None:
+    browser, page, script, failing, shown
+):
     with visited(browser, page.port, script) as tab:
         tab.wait_for_selector(shown, state="attached")
         for card in failing:
             assert tab.locator(f"#{card} .failing").text_content()
 
 
-def test_more_browsers_than_allowed_are_refused_until_one_goes(page: Page) -> None:
+def test_more_browsers_than_allowed_are_refused_until_one_goes(page):
     wait_for(lambda: not page.browsers)
     with watch(page) as first, watch(page) as second:
         until(first, "state")
@@ -336,7 +329,7 @@ def test_more_browsers_than_allowed_are_refused_until_one_goes(page: Page) -> No
         until(opened, "state")
 
 
-def test_a_slow_browser_is_sent_the_next_state_when_it_has_shown_the_last(page: Page) -> None:
+def test_a_slow_browser_is_sent_the_next_state_when_it_has_shown_the_last(page):
     """Else the answer to its STOP would wait behind all that it has no time for."""
     with watch(page) as slow, watch(page) as other:
         until(other, "state")
@@ -352,7 +345,7 @@ def test_a_slow_browser_is_sent_the_next_state_when_it_has_shown_the_last(page: 
         until(slow, "state")
 
 
-def test_a_browser_that_sends_too_many_messages_is_refused(page: Page) -> None:
+def test_a_browser_that_sends_too_many_messages_is_refused(page):
     wait_for(lambda: not page.browsers)
     with watch(page) as flooding, watch(page) as other:
         with pytest.raises(ConnectionClosed) as refused:
@@ -366,9 +359,7 @@ def test_a_browser_that_sends_too_many_messages_is_refused(page: Page) -> None:
             until(other, "state")
 
 
-def test_uploads_are_limited_by_the_size_that_comes(
-    client: httpx.Client, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_uploads_are_limited_by_the_size_that_comes(client, monkeypatch):
     """Whether a size is declared or not."""
     monkeypatch.setattr(server, "_LARGEST_RECORDING", 1000)
     for content in (b" " * 5000, iter([b" " * 100] * 50)):
@@ -377,22 +368,20 @@ def test_uploads_are_limited_by_the_size_that_comes(
     assert (answer.status_code, answer.json()["done"]) == (400, False)
 
 
-def test_a_replay_says_why_it_shows_no_head(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_replay_says_why_it_shows_no_head(monkeypatch):
     recording = Recording((Observation(0),), load_robot_model(robot_file("pxxls")))
     monkeypatch.setattr("head_tracking.page.replay.read_recording", lambda _: recording)
-    robot: Any = SimpleNamespace(head_of=lambda model: (None, "another robot"))
+    robot = SimpleNamespace(head_of=lambda model: (None, "another robot"))
     assert Replays(robot).open(BytesIO())["notice"] == "another robot"
 
 
 @pytest.mark.parametrize("name", ["nothing.mcap", "..%2f..%2fetc%2fpasswd", "%2e%2e"])
-def test_only_recordings_that_are_listed_are_sent(client: httpx.Client, name: str) -> None:
+def test_only_recordings_that_are_listed_are_sent(client, name):
     assert client.get(f"/head/recordings/{name}").status_code == 404
     assert client.post("/head/replay/open", json={"name": name}).status_code == 400
 
 
-def test_a_recording_is_sent_by_its_name(
-    robot: _Robot, client: httpx.Client, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_recording_is_sent_by_its_name(robot, client, monkeypatch, tmp_path):
     file = tmp_path / "now.mcap"
     file.write_bytes(b"12345" * 100_001)
     monkeypatch.setattr(robot.recorder, "files", lambda: (file,))
@@ -401,7 +390,7 @@ def test_a_recording_is_sent_by_its_name(
     assert 'filename="now.mcap"' in answer.headers["Content-Disposition"]
 
 
-def test_the_page_and_three_js_are_served_from_here(client: httpx.Client) -> None:
+def test_the_page_and_three_js_are_served_from_here(client):
     """The path of three.js in NiceGUI's wheel is not a documented interface."""
     index = client.get("/").text
     imports = json.loads(index.partition('<script type="importmap">')[2].partition("</script>")[0])
@@ -414,12 +403,12 @@ def test_the_page_and_three_js_are_served_from_here(client: httpx.Client) -> Non
             assert client.get(part).status_code == 200, part
 
 
-def test_an_address_of_another_machine_is_refused(robot: _Robot) -> None:
+def test_an_address_of_another_machine_is_refused(robot):
     with pytest.raises(ParameterError):
         serve(robot, host="192.0.2.1", port=0)
 
 
-def test_a_port_that_is_taken_is_left_to_who_has_it(robot: _Robot, page: Page) -> None:
+def test_a_port_that_is_taken_is_left_to_who_has_it(robot, page):
     second = serve(robot, port=page.port)
     try:
         assert second.port != page.port

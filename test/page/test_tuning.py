@@ -81,7 +81,7 @@ def test_presets_stay_within_limits_and_normal_and_reset_bring_back_what_was_fou
     parameters = Parameters(speed, other)
     tuning = Tuning(parameters)
 
-    def values() -> list[float]:
+    def values():
         return [one.value for one in parameters.settings()]
 
     shown = {name: numbers["max_joint_speed"] for name, numbers in tuning.presets().items()}

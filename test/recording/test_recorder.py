@@ -3,7 +3,6 @@
 import math
 import shutil
 import time
-from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,6 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rig import own_domain
@@ -27,7 +25,7 @@ from waiting import wait_for
 
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.recording.recorder import Recorder, RecorderParameters
-from head_tracking.recording.recording import Recording, RecordingError
+from head_tracking.recording.recording import RecordingError
 from head_tracking.recording.recording_file import read_recording
 from head_tracking.ros.kit.images import image_message
 from head_tracking.ros.kit.spinning import NodeDied, NodeThreads
@@ -39,7 +37,7 @@ PAN = "head_pan_joint"
 
 
 @pytest.fixture
-def node(monkeypatch) -> Iterator[Node]:
+def node(monkeypatch):
     with own_domain() as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", domain)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
@@ -50,14 +48,14 @@ def node(monkeypatch) -> Iterator[Node]:
 
 
 @pytest.fixture
-def recorder(node, tmp_path) -> Iterator[Recorder]:
+def recorder(node, tmp_path):
     recorder = Recorder(node, RecorderParameters(record_directory=str(tmp_path), record_limit=1))
     yield recorder
     recorder.stop()
 
 
 @pytest.fixture
-def states(node, kinectbot) -> Publisher:
+def states(node, kinectbot):
     """The joint states of a robot that is described."""
     description = node.create_publisher(String, "robot_description", LATCHED)
     description.publish(String(data=kinectbot.urdf))
@@ -96,7 +94,7 @@ def test_all_that_is_said_is_in_the_file_as_it_was_said_and_as_ros2_bag_wants_it
     elsewhere = node.create_publisher(String, "/other/text", LATCHED)
     elsewhere.publish(String(data="of another robot"))
     file = start(recorder, node, 4)
-    sent: list[Any] = []
+    sent = []
     for number in range(20):
         state = JointState(name=[PAN], position=[0.01 * number], velocity=[math.nan])
         state.header.stamp.sec = number
@@ -142,7 +140,7 @@ def test_a_recording_ends_at_its_limit_and_can_be_read(node, recorder, states):
     generator = np.random.default_rng(1)
     states.publish(JointState(name=[PAN], position=[0.4]))
 
-    def full() -> bool:
+    def full():
         noise.publish(String(data=generator.bytes(20_000).hex()))
         return recorder.file is None
 
@@ -174,7 +172,7 @@ def test_what_a_crash_leaves_can_be_read(node, recorder, states, tmp_path):
     file = start(recorder, node, 2)
     generator = np.random.default_rng(1)
 
-    def left() -> Recording | None:
+    def left():
         noise = list(generator.normal(size=1000))
         states.publish(JointState(name=["wheel"] * 1000, position=noise))
         states.publish(JointState(name=[PAN], position=[0.3]))
@@ -196,13 +194,13 @@ def test_pictures_are_compressed_and_depths_left_out(node, recorder):
     depth = node.create_publisher(Image, "depth", MEASUREMENT)
     file = start(recorder, node, 2)
 
-    def left_out() -> bool:
+    def left_out():
         camera.publish(Image(encoding="rgb8"))  # such as the first one of a camera
         return "/left/picture" in recorder._session._left_out
 
     wait_for(left_out)
 
-    def taken() -> bool:
+    def taken():
         camera.publish(image_message(Header(frame_id="camera"), "rgb8", orange))
         depth.publish(image_message(Header(), "32FC1", np.ones((4, 4), np.float32)))
         return recorder._session._count > 0 and "/left/depth" in recorder._session._left_out

@@ -126,7 +126,7 @@ def blocks_with_news() -> Iterator[pytest.param]:
 
 
 @pytest.mark.parametrize("code", blocks("python"))
-def test_python(code: str, tmp_path: Path) -> None:
+def test_python(code, tmp_path):
     if cannot_run(code):
         ast.parse(code)
         return
@@ -137,7 +137,7 @@ def test_python(code: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("code", "new"), blocks_with_news())
-def test_commands(code: str, new: list[str], tmp_path: Path) -> None:
+def test_commands(code, new, tmp_path):
     """What begins in the background ends with the block."""
     if cannot_run(code):
         subprocess.run(["bash", "-n"], input=code, text=True, check=True, timeout=PATIENCE)
@@ -155,7 +155,7 @@ def test_commands(code: str, new: list[str], tmp_path: Path) -> None:
     run(script, tmp_path, code)
 
 
-def test_parameters_have_names_that_nodes_know(tmp_path: Path) -> None:
+def test_parameters_have_names_that_nodes_know(tmp_path):
     text = (ROOT / "docs/reference/parameters.md").read_text()
     known = set(re.findall(r"^\| `(\S+)`", text, re.M))
     file = tmp_path / "parameters.yaml"
@@ -170,11 +170,11 @@ def test_parameters_have_names_that_nodes_know(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("code", blocks("xml"))
-def test_xml_is_well_formed(code: str) -> None:
+def test_xml_is_well_formed(code):
     ET.fromstring(f'<robot xmlns:xacro="http://www.ros.org/wiki/xacro">{code}</robot>')
 
 
-def test_every_block_has_a_language_that_is_tested() -> None:
+def test_every_block_has_a_language_that_is_tested():
     for path in DOCUMENTS:
         for match in BLOCK.finditer(path.read_text()):
             assert match[2] in ("python", "bash", "yaml", "xml", "text"), match[3]

@@ -72,12 +72,8 @@ class Tracked:
 
 
 @pytest.fixture
-def track(kinectbot: RobotModel, threads: Any) -> Callable[..., Tracked]:
-    def track(
-        kind: type[HeadNode] = HeadTrackerNode,
-        model: RobotModel | None = kinectbot,
-        **parameters: Any,
-    ) -> Tracked:
+def track(kinectbot, threads):
+    def track(kind=HeadTrackerNode, model=kinectbot, **parameters):
         return Tracked(kind, model, parameters)
 
     return track

@@ -22,7 +22,7 @@ from head_tracking.ros.kit.spinning import start_ros
 def started(tmp_path):
     """Makes nodes that were given a file."""
 
-    def start(text: str, *arguments: str) -> type[Node]:
+    def start(text, *arguments):
         file = tmp_path / "mine.yaml"
         file.write_text(text)
         start_ros(["program", "--ros-args", "--params-file", str(file), *arguments])

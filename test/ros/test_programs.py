@@ -215,7 +215,7 @@ def test_an_error_of_a_worker_ends_the_node_by_its_next_offer():
 
 
 def test_a_worker_keeps_the_order_of_what_is_delayed_when_the_delay_becomes_shorter():
-    done: list[int] = []
+    done = []
     with closing(Worker("work", done.append)) as worker:
         for image, delay in ((1, 0.1), (2, 0.05), (3, 0.0)):
             worker.do(partial(done.append, image), delay)

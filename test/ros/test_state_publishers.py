@@ -153,7 +153,7 @@ def test_after_a_clock_that_jumped_back_tf_goes_on(world, publish_robot, tf):
 
 
 @pytest.fixture
-def calibration(tmp_path) -> Calibration:
+def calibration(tmp_path):
     """A calibration that is 400 days old, in a file."""
     changes = np.array([0.03, 0.05, -0.02, 0.004, 0.003, 0.006, 0.01, 0.0, 0.0, 0.0])
     pitch = {"camera pitch": Estimate(0.02, 0.001, True)}
@@ -193,7 +193,7 @@ def test_diagnostics_tell_its_values_deviations_age_and_source(world, calibratio
 def complete(world):
     """Run a joint_state_publisher of ARM; return what it publishes for measurements."""
 
-    def run(*measured: JointState, urdf: str = ARM, **values):
+    def run(*measured, urdf=ARM, **values):
         values = {"source_list": ["hands"]} | values
         world.make(JointStatePublisherNode, values)
         world.publish("/robot_description", String(data=urdf))

@@ -28,7 +28,7 @@ PATIENCE = Duration(seconds=20)
 
 @pytest.fixture
 def make_node(start):
-    def make(name: str, *, spin: bool = False, **options):
+    def make(name, *, spin=False, **options):
         node = rclpy.create_node(name, **options)
         return start(node) if spin else node
 
@@ -51,7 +51,7 @@ class Head:
 
 
 @pytest.fixture
-def head(make_node, kinectbot) -> Head:
+def head(make_node, kinectbot):
     return Head(make_node("head", spin=True), kinectbot.urdf)
 
 
@@ -62,7 +62,7 @@ def turned(found: TransformStamped) -> bool:
 def test_a_callback_that_fails_does_not_end_the_thread(make_node, head):
     buffer, node = Buffer(), make_node("fails")
 
-    def fail() -> None:
+    def fail():
         raise ValueError("of the program's own")
 
     node.create_timer(0.01, fail)
@@ -78,7 +78,7 @@ def test_a_callback_waits_for_data_while_its_executor_is_busy_with_it(make_node,
     listener = TransformListener(buffer)
     found = []
 
-    def on_timer() -> None:
+    def on_timer():
         head.move(0.5, 2)
         found.append(buffer.lookup_transform("base_link", "camera_link", Time(seconds=2), PATIENCE))
         timer.cancel()

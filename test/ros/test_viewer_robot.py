@@ -1,7 +1,5 @@
 """What the page asks of the robot, over real topics and the simulated bus; without a browser."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from geometry_msgs.msg import PointStamped
@@ -27,12 +25,12 @@ from head_tracking.transforms import Rotation, Transform
 
 
 @pytest.fixture(scope="module")
-def robot(make_module_robot) -> Robot:
+def robot(make_module_robot):
     return make_module_robot("--target", "none", "--viewer")
 
 
 @pytest.fixture(scope="module")
-def page(robot) -> Any:
+def page(robot):
     """The robot as the page sees it, once it has found out what is there."""
     seen = view(robot.threads, alone=False).robot
     wait_for(lambda: seen.modes.mode() is Mode.TRACK and len(seen.joints.servos()) == 2)
@@ -41,7 +39,7 @@ def page(robot) -> Any:
 
 
 @pytest.fixture
-def seen(robot, page) -> Any:
+def seen(robot, page):
     """The same, tracking nothing with the head in the middle, whatever the test before has left."""
     if page.stop.can_resume:
         page.stop.resume()
@@ -53,7 +51,7 @@ def seen(robot, page) -> Any:
 
 
 @pytest.fixture(scope="module")
-def camera(robot) -> None:
+def camera(robot):
     pytest.importorskip("cv2", reason="needs OpenCV: pip install -r requirements/vision.txt")
     robot.threads.start(CAMERA.make({"buffer": robot.composition.buffer}))
 
@@ -85,7 +83,7 @@ def test_modes_start_the_nodes_they_need_and_only_one_turns_the_head(robot, seen
 def test_a_frame_is_followed_until_nothing_comes_of_it_any_more(robot, seen):
     core = seen.buffer
 
-    def word_while_seen(y: float = -0.5) -> Word:
+    def word_while_seen(y=-0.5):
         now = robot.node.get_clock().now().nanoseconds
         place = Transform((1.0, y, 0.5), Rotation.identity())
         core.set_transform(now, "base_link", "person_1", place)
@@ -112,9 +110,9 @@ def test_the_head_looks_along_a_path_at_its_speed(robot, seen):
     to_base = robot.composition.buffer.core.lookup_transform("base_link", root).transform
     seen.modes.follow_path(ClosedPath(ends), 0.8)
     assert seen.modes.mode() is Mode.PATH
-    pans: list[float] = []
+    pans = []
 
-    def swings() -> bool:
+    def swings():
         pans.append(robot.true("head_pan_joint"))
         return max(pans) > bearing(1.0, 0.3) and min(pans) < bearing(1.0, -0.3)
 
@@ -152,7 +150,7 @@ def test_the_page_shows_the_target_as_the_camera_sees_it_and_subscribes_only_the
     wait_for(lambda: "/image" in seen.topics.images())
     assert robot.node.count_subscribers("/image/compressed") == 0
 
-    def ball() -> bool:
+    def ball():
         picture = seen.topics.picture("/image")
         if picture is None:
             return False
@@ -202,7 +200,7 @@ def test_the_viewer_says_what_it_needs(monkeypatch, capsys):
 
 
 @pytest.fixture
-def calibration(camera, seen, monkeypatch, tmp_path) -> CameraCalibration:
+def calibration(camera, seen, monkeypatch, tmp_path):
     """A short calibration, with the head in the middle, where it sees the marker."""
     wait_for(lambda: seen.modes.value("simulated_camera", "scene") is not None)
     seen.modes.set_value("simulated_camera", "scene", "still marker")

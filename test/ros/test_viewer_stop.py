@@ -2,9 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import httpx
 import pytest
@@ -20,17 +18,16 @@ from waiting import PATIENCE, wait_for
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.page.head_modes import Mode
 from head_tracking.page.path import ClosedPath
-from head_tracking.ros.kit.spinning import NodeThreads
 
 
 @pytest.fixture
-def page(threads) -> Callable[..., Any]:
+def page(threads):
     """Starts a page, and returns the robot as it sees it."""
     return lambda **options: view(threads, **options).robot
 
 
 @pytest.fixture
-def tracked(start, page) -> tuple[BusStandIn, ControllerStandIn, Any]:
+def tracked(start, page):
     """A bus, a tracker, and the robot as its page sees it."""
     bus, tracker, robot = start(BusStandIn()), start(ControllerStandIn("head_tracker")), page()
     wait_for(lambda: robot.modes.mode() is Mode.TRACK)
@@ -105,15 +102,15 @@ def test_a_stop_ends_what_the_page_sends_for_good(tracked, by_page):
 
 
 def test_many_requests_of_stop_are_one_attempt_and_no_thread_waits_for_each(
-    start: Callable[[Any], Any], threads: NodeThreads, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    start, threads, monkeypatch
+):
     bus = start(BusStandIn())
     bus.confirms = set()
     bus.say_stopped = lambda _: None
     node, go_on = view(threads), threading.Event()
     monkeypatch.setattr(node.robot.modes, "set_mode", lambda _: go_on.wait(60.0))
 
-    def press(_: int) -> dict[str, Any]:
+    def press(_):
         """Without a body that could be parsed."""
         asked = {"content": b"[", "headers": {"X-Head-Tracking": "page"}, "timeout": 60.0}
         return httpx.post(f"http://127.0.0.1:{node.page.port}/head/stop", **asked).json()
@@ -158,7 +155,7 @@ def test_a_stop_ends_a_change_of_modes_that_is_under_way(start, tracked):
     wait_for(lambda: Mode.POINT in robot.modes.possible())
     switch = tracker.switch
 
-    def stopped_meanwhile(on: bool) -> None:
+    def stopped_meanwhile(on):
         bus.say_stopped(True)
         wait_for(lambda: robot.stop.stopped)
         switch(on)
@@ -174,7 +171,7 @@ def test_a_node_that_starts_turns_the_head_in_no_other_mode(start, tracked):
     _, tracker, robot = tracked
     starter, enabled = Node("starter"), []
 
-    def on_start(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def on_start(_, response):
         enabled.append(tracker.on)
         start(ControllerStandIn("fictitious_target"))
         response.success = True
@@ -194,7 +191,7 @@ def test_what_has_waited_over_a_stop_and_resume_does_not_move_the_head(tracked):
     wait_for(lambda: len(robot.joints.servos()) == 2 and robot.model())
     switch = tracker.switch
 
-    def stop_and_resume() -> None:
+    def stop_and_resume():
         for stopped in (True, False):
             bus.say_stopped(stopped)
             wait_for(lambda stopped=stopped: robot.stop.stopped is stopped)
@@ -244,7 +241,7 @@ def test_robots_in_one_graph_have_a_page_each(start, page):
         start(ControllerStandIn("head_tracker", namespace=side))
         pages[side] = page(namespace=side)
 
-    def told(side: str) -> bool:
+    def told(side):
         health = [(one.name, one.message) for one in pages[side].topics.health()]
         return health == [(f"servo_bus: {joint}", buses[side].message) for joint in JOINTS]
 
@@ -299,12 +296,10 @@ def test_two_senders_are_named_and_the_page_takes_over_from_one(start, page):
     assert robot.notices() == ()
 
 
-def test_joints_that_were_moved_before_the_model_came_are_published_when_it_has(
-    page, monkeypatch
-) -> None:
+def test_joints_that_were_moved_before_the_model_came_are_published_when_it_has(page, monkeypatch):
     robot = page()
     wait_for(lambda: robot.joints.free)
-    asked: list[None] = []
+    asked = []
     with monkeypatch.context() as patch:
         patch.setattr(type(robot.buffer), "model", property(lambda buffer: asked.append(None)))
         robot.joints.move({"head_pan_joint": 0.25})
@@ -317,7 +312,7 @@ def test_joints_that_were_moved_before_the_model_came_are_published_when_it_has(
 
 
 @pytest.fixture
-def seen(page, monkeypatch) -> Any:
+def seen(page, monkeypatch):
     monkeypatch.setattr("head_tracking.page.robot._PATIENCE", 0.5)
     return page()
 

@@ -3,7 +3,6 @@
 import json
 import random
 import threading
-from collections.abc import Callable
 from typing import Any
 
 import httpx
@@ -30,12 +29,12 @@ OTHERS = {"/tf", "/tf_static", "/clock"}
 
 
 @pytest.fixture
-def viewer(threads) -> ViewerNode:
+def viewer(threads):
     return view(threads)
 
 
 @pytest.fixture
-def stranger(viewer) -> Node:
+def stranger(viewer):
     return Node("stranger")
 
 
@@ -72,7 +71,7 @@ def test_no_message_ends_the_page(threads, viewer, stranger):
     bus, rnd = BusStandIn(), random.Random(4)
     threads.start(bus)
     threads.start(ControllerStandIn("head_tracker"))
-    stranger_publishers: dict[str, Callable[[], None]] = {}
+    stranger_publishers = {}
     for subscription in (*viewer.subscriptions, *viewer.robot._polled.subscriptions):
         if subscription.topic_name in OTHERS:
             continue
@@ -106,7 +105,7 @@ def test_pictures_that_cannot_be_shown_are_named(viewer, stranger):
     with watch(viewer.page) as first:
         first.send("camera /good/image")
 
-        def shown() -> bool:
+        def shown():
             publishers["bad"].publish(Image(encoding="nonsense", width=2, height=2, step=2))
             publishers["good"].publish(good)
             pictures, failing = viewer.page._live.pictures, told(viewer)["failing"]
@@ -118,10 +117,10 @@ def test_pictures_that_cannot_be_shown_are_named(viewer, stranger):
 def test_the_default_picture_stays_until_the_robots_own_camera_starts(viewer, stranger):
     image = Image(encoding="mono8", width=2, height=2, step=2, data=[0] * 4)
 
-    def default(*names: str) -> Any:
+    def default(*names):
         publishers = [stranger.create_publisher(Image, name, 1) for name in names]
 
-        def shown() -> Any:
+        def shown():
             for publisher in publishers:
                 publisher.publish(image)
             viewer.robot.observe()
@@ -141,7 +140,7 @@ def test_what_else_a_camera_sees_is_finite_and_of_its_frame(viewer, stranger):
     poses = [Pose(position=Point(x=x, z=2.0)) for x in (float("nan"), 0.5, float("inf"))]
     message = PoseArray(header=Header(frame_id="lens"), poses=poses)
 
-    def seen() -> tuple[Any, ...]:
+    def seen():
         publisher.publish(message)
         viewer.robot.observe()
         return topics.others("lens")
@@ -159,7 +158,7 @@ def test_a_parameter_that_becomes_something_else_hides_no_other(threads, viewer)
     node.declare_parameter("gain", 1.0)
     threads.start(node)
 
-    def listed() -> set[str]:
+    def listed():
         answer = httpx.get(f"http://127.0.0.1:{viewer.page.port}/head/parameters", timeout=PATIENCE)
         return {one["name"] for one in answer.json()["parameters"]}
 
@@ -188,7 +187,7 @@ def test_diagnostics_of_what_has_gone_are_left_out_and_of_what_hangs_are_stale(v
         assert diagnosed(publisher, viewer.robot, 0, f"{name}: first").level is Level.OK
     nodes.pop("gone").destroy_node()
 
-    def levels() -> dict[str, Level]:
+    def levels():
         other = DiagnosticStatus(name="arm: second", level=DiagnosticStatus.OK)
         publishers["arm"].publish(DiagnosticArray(status=[other]))
         return {one.name: one.level for one in viewer.robot.topics.health()}
@@ -205,7 +204,7 @@ def test_a_flood_of_diagnostics_is_limited_and_hides_no_servo(threads, viewer, s
     parts = [DiagnosticStatus(name=f"stranger: {number}") for number in range(1, 600)]
     nodes = [DiagnosticStatus(name=f"node_{number}: part") for number in range(600)]
 
-    def health() -> dict[str, Any]:
+    def health():
         publisher.publish(DiagnosticArray(status=[first, *parts, *nodes]))
         return {one.name: one for one in viewer.robot.topics.health()}
 
@@ -226,7 +225,7 @@ def test_diagnostics_of_a_stranger_that_name_a_servo_hide_nothing_of_it(threads,
         values=[KeyValue(key=key, value=value) for key, value in pairs.items()],
     )
 
-    def servos() -> Any:
+    def servos():
         publisher.publish(DiagnosticArray(status=[claim]))
         names = [one.name for one in viewer.robot.topics.health()]
         found = viewer.robot.joints.servos()

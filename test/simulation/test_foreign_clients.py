@@ -44,7 +44,7 @@ def arrive(port: SimulatedPort, goals: dict[int, int]) -> bool:
         ("SCS0009", "Scs0009"),
     ],
 )
-def test_rustypot_reads_and_moves_servos(name: str, kind: str) -> None:
+def test_rustypot_reads_and_moves_servos(name, kind):
     library = pytest.importorskip("rustypot", reason="rustypot is not installed")
     model = servo_model(name)
     raw = name == "XL-320"  # the library has no radians for it
@@ -89,19 +89,19 @@ def opened(sdk: ModuleType, name: str) -> Iterator[tuple[SimulatedPort, Any]]:
 
 
 @pytest.fixture
-def dynamixel_sdk() -> Any:
+def dynamixel_sdk():
     return pytest.importorskip("dynamixel_sdk")
 
 
 @pytest.fixture
-def scservo_sdk() -> Any:
+def scservo_sdk():
     sdk = pytest.importorskip("scservo_sdk", reason="ftservo-python-sdk is not installed")
     if not hasattr(sdk, "sms_sts"):
         pytest.skip("the older feetech-servo-sdk is installed, which has the same module name")
     return sdk
 
 
-def test_ax_servos(dynamixel_sdk: Any) -> None:
+def test_ax_servos(dynamixel_sdk):
     handler = dynamixel_sdk.PacketHandler(1.0)
     with opened(dynamixel_sdk, "AX-12") as (ax, port):
         assert handler.ping(port, 1) == (12, 0, 0)
@@ -111,7 +111,7 @@ def test_ax_servos(dynamixel_sdk: Any) -> None:
         assert handler.write2ByteTxRx(port, 1, 30, 2000) == (0, 8)
 
 
-def test_x_servos(dynamixel_sdk: Any) -> None:
+def test_x_servos(dynamixel_sdk):
     handler = dynamixel_sdk.PacketHandler(2.0)
     with opened(dynamixel_sdk, "XL330-M288") as (_, port):
         assert handler.ping(port, 1) == (1200, 0, 0)
@@ -129,7 +129,7 @@ def test_x_servos(dynamixel_sdk: Any) -> None:
         assert handler.reboot(port, 1) == (0, 0)
 
 
-def test_sts_servos(scservo_sdk: Any) -> None:
+def test_sts_servos(scservo_sdk):
     with opened(scservo_sdk, "STS3215") as (sts, port):
         handler = scservo_sdk.sms_sts(port)
         assert handler.ping(1) == (777, 0, 0)
@@ -149,7 +149,7 @@ def test_sts_servos(scservo_sdk: Any) -> None:
             assert group.getData(servo_id, 56, 2) == pytest.approx(2300, abs=20)
 
 
-def test_scs_servos(scservo_sdk: Any) -> None:
+def test_scs_servos(scservo_sdk):
     with opened(scservo_sdk, "SCS0009") as (scs, port):
         handler = scservo_sdk.scscl(port)
         assert handler.ping(1) == (1284, 0, 0)

@@ -55,21 +55,19 @@ def bus() -> SimulatedBus:
 
 
 @pytest.mark.parametrize(("sent", "expected"), AX)
-def test_published_packets_are_answered(sent: str, expected: list[str]) -> None:
+def test_published_packets_are_answered(sent, expected):
     assert answers(bus(), sent) == expected
 
 
 @pytest.mark.parametrize(("sent", "expected"), XM430_W210)
-def test_published_packets_of_protocol_2_are_answered(sent: str, expected: list[str]) -> None:
+def test_published_packets_of_protocol_2_are_answered(sent, expected):
     servo = SimulatedServo(1, "XM430-W210", position=166, firmware=38)
     assert answers(SimulatedBus([servo]), sent) == expected
 
 
 @pytest.mark.parametrize("paced", [False, True])
 @pytest.mark.parametrize(("model", "address"), [("STS3215", 56), ("XM430-W350", 132)])
-def test_answers_without_a_return_delay_do_not_collide(
-    model: str, address: int, paced: bool
-) -> None:
+def test_answers_without_a_return_delay_do_not_collide(model, address, paced):
     """lerobot sets the return delay of Feetech servos to 0."""
     b = SimulatedBus([SimulatedServo(i, servo_model(model)) for i in (1, 2)])
     for servo_id in (1, 2):
@@ -88,7 +86,7 @@ def test_answers_without_a_return_delay_do_not_collide(
 # Several
 
 
-def test_bulk_read_reads_what_each_is_asked() -> None:
+def test_bulk_read_reads_what_each_is_asked():
     published = "FF FF FD 00 FE 0D 00 92 01 90 00 02 00 02 92 00 01 00 1A 05"
     bus = SimulatedBus([SimulatedServo(i, "XM430-W350") for i in (1, 2)])
     answers = bus.receive(bytes.fromhex(published), 0)
@@ -98,7 +96,7 @@ def test_bulk_read_reads_what_each_is_asked() -> None:
     ]
 
 
-def test_bulk_read_of_protocol_1_is_for_mx_servos() -> None:
+def test_bulk_read_of_protocol_1_is_for_mx_servos():
     published = bytes.fromhex("FF FF FE 09 92 00 02 01 1E 02 02 24 1D")
     servos = [SimulatedServo(i, "MX-28", position=1000 + i) for i in (1, 2)]
     answers = SimulatedBus(servos).receive(published, 0)
@@ -109,7 +107,7 @@ def test_bulk_read_of_protocol_1_is_for_mx_servos() -> None:
     assert SimulatedBus([SimulatedServo(i, "AX-12") for i in (1, 2)]).receive(published, 0) == []
 
 
-def test_two_servos_of_a_joint_are_coupled() -> None:
+def test_two_servos_of_a_joint_are_coupled():
     second = ServoCalibration("lift", 8, 500, 900, 100)
     joint = JointConfiguration("lift", 7, controller="lift_controller", second=second)
     joints = SimulatedJoints([joint])

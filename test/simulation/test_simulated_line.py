@@ -38,7 +38,7 @@ def transaction(line: SimulatedLine, clock: SimulatedClock, question: bytes) -> 
 
 
 @pytest.mark.parametrize(("delay", "wire"), [(0, 220), (500, 720)])
-def test_duration_of_a_read(delay: int, wire: float) -> None:
+def test_duration_of_a_read(delay, wire):
     clock = SimulatedClock()
     line = SimulatedLine(SimulatedBus(servos(delay)), clock, 1_000_000)
     answer, time = transaction(line, clock, READ_1)
@@ -46,7 +46,7 @@ def test_duration_of_a_read(delay: int, wire: float) -> None:
     assert time == pytest.approx(wire)
 
 
-def test_latency_of_the_adapter() -> None:
+def test_latency_of_the_adapter():
     clock = SimulatedClock()
     line = SimulatedLine(SimulatedBus(servos()), clock, latency=0.016)
     for number in (1, 2, 3):
@@ -54,7 +54,7 @@ def test_latency_of_the_adapter() -> None:
         assert clock.now == number * 16_000 * US
 
 
-def test_read_limit_and_discarded_input() -> None:
+def test_read_limit_and_discarded_input():
     clock = SimulatedClock()
     line = SimulatedLine(SimulatedBus(servos()), clock)
     line.write(READ_1)
@@ -86,7 +86,7 @@ def everything(line: SimulatedLine, clock: SimulatedClock) -> bytes:
     return heard
 
 
-def test_a_request_during_a_status_packet_collides() -> None:
+def test_a_request_during_a_status_packet_collides():
     line, clock = line_of(*servos())
     line.write(READ_1)  # heard at 80 us, answered until 220 us
     at(clock, line, 150, READ_2)
@@ -95,7 +95,7 @@ def test_a_request_during_a_status_packet_collides() -> None:
     assert len(heard) == 14 and decode_status(1, heard) is None
 
 
-def test_two_simultaneous_status_packets_collide() -> None:
+def test_two_simultaneous_status_packets_collide():
     made = servos(500)
     made[1].set_register("Return Delay Time", 150)
     line, clock = line_of(*made)
@@ -107,7 +107,7 @@ def test_two_simultaneous_status_packets_collide() -> None:
 
 
 @pytest.mark.parametrize("paced", [True, False])
-def test_equal_answers_of_servos_with_one_id_are_received(paced: bool) -> None:
+def test_equal_answers_of_servos_with_one_id_are_received(paced):
     line, clock = line_of(
         SimulatedServo(1, position=500), SimulatedServo(1, position=600), paced=paced
     )
@@ -121,7 +121,7 @@ def test_equal_answers_of_servos_with_one_id_are_received(paced: bool) -> None:
 
 
 @pytest.mark.parametrize(("pause", "answered"), [(1_000, True), (10_100, False)])
-def test_an_interrupted_packet_is_discarded(pause: int, answered: bool) -> None:
+def test_an_interrupted_packet_is_discarded(pause, answered):
     line, clock = line_of(SimulatedServo(1, servo_model("XL430-W250")))
     ping = InstructionPacket2.ping(1).encode()
     line.write(ping[:6])
@@ -145,7 +145,7 @@ def spoilt(kind: Fault) -> list[Answer]:
     return list(one(kind).answer(ANSWER))
 
 
-def test_faults_of_answers() -> None:
+def test_faults_of_answers():
     assert spoilt(Fault.DROP) == []
     (corrupt,) = spoilt(Fault.CORRUPT)
     assert sum(a != b for a, b in zip(corrupt.data, ANSWER.data, strict=True)) == 1
@@ -165,8 +165,8 @@ def test_faults_of_answers() -> None:
     assert noisy.data.endswith(ANSWER.data) and len(noisy.data) > len(ANSWER.data)
 
 
-def test_faults_of_requests() -> None:
-    def answers(kind: Fault) -> list[bytes]:
+def test_faults_of_requests():
+    def answers(kind):
         faults = one(kind)
         bus = SimulatedBus([SimulatedServo(1)], faults=faults)
         return [answer.data for answer in bus.receive(READ, 0)]
@@ -176,7 +176,7 @@ def test_faults_of_requests() -> None:
     assert answers(Fault.MISHEARING) != [ANSWER.data]
 
 
-def test_power_loss_ends() -> None:
+def test_power_loss_ends():
     faults = one(Fault.POWER_LOSS, pause=(0.5, 0.5))
     bus = SimulatedBus([SimulatedServo(1, boot_time=0.1)], faults=faults)
     assert bus.receive(READ, 0) == []
@@ -190,7 +190,7 @@ def test_power_loss_ends() -> None:
 
 @pytest.mark.parametrize("model", ["AX-12", "XM430-W350"])
 @pytest.mark.parametrize("kind", [Fault.LOW_VOLTAGE, Fault.OVERLOAD, Fault.OVERHEATING])
-def test_faults_of_servos(kind: Fault, model: str) -> None:
+def test_faults_of_servos(kind, model):
     faults = one(kind, pause=(0.5, 0.5))
     servo = SimulatedServo(1, servo_model(model))
     bus = SimulatedBus([servo], faults=faults)
@@ -205,8 +205,8 @@ def test_faults_of_servos(kind: Fault, model: str) -> None:
         assert servo.alarms.active
 
 
-def test_same_seed_same_faults_and_all_kinds_occur() -> None:
-    def run(seed: int) -> tuple[Faults, list[bytes]]:
+def test_same_seed_same_faults_and_all_kinds_occur():
+    def run(seed):
         faults = Faults(Random(seed), 0.3)
         bus = SimulatedBus([SimulatedServo(1), SimulatedServo(2)], faults=faults)
         seen = []

@@ -2,7 +2,6 @@
 
 import os
 import threading
-from pathlib import Path
 
 import pytest
 import serial
@@ -12,7 +11,6 @@ from waiting import PATIENCE, wait_for
 
 from head_tracking.dynamixel.models import servo_model
 from head_tracking.simulation import (
-    Answer,
     SimulatedBus,
     SimulatedPort,
     SimulatedServo,
@@ -34,7 +32,7 @@ def ask(client: serial.Serial, data: bytes, length: int) -> bytes:
     return client.read(length)
 
 
-def test_unread_answers_do_not_block_the_bus() -> None:
+def test_unread_answers_do_not_block_the_bus():
     servos = SimulatedServo(1), SimulatedServo(2)
     with SimulatedPort(servos) as port, client_of(port.port_name) as client:
         read = InstructionPacket.read(1, 0, 50).encode()
@@ -45,7 +43,7 @@ def test_unread_answers_do_not_block_the_bus() -> None:
 
 
 @pytest.mark.parametrize("stale", [None, "/dev/pts/does-not-exist"])
-def test_link_names_the_port(tmp_path: Path, stale: str | None) -> None:
+def test_link_names_the_port(tmp_path, stale):
     link = tmp_path / "ttyHead"
     if stale:
         link.symlink_to(stale)
@@ -58,7 +56,7 @@ def test_link_names_the_port(tmp_path: Path, stale: str | None) -> None:
 
 
 @pytest.mark.parametrize("kind", ["device", "file", "missing folder"])
-def test_an_impossible_link_is_refused(tmp_path: Path, kind: str) -> None:
+def test_an_impossible_link_is_refused(tmp_path, kind):
     link = tmp_path / "ttyHead"
     if kind == "device":
         link.symlink_to("/dev/null")
@@ -74,8 +72,8 @@ def test_an_impossible_link_is_refused(tmp_path: Path, kind: str) -> None:
     assert kind != "file" or link.read_text() == "data"
 
 
-def test_unplugged_adapter_returns_with_the_same_link_and_leaves_nothing(tmp_path: Path) -> None:
-    def resources() -> tuple[int, int]:
+def test_unplugged_adapter_returns_with_the_same_link_and_leaves_nothing(tmp_path):
+    def resources():
         return len(os.listdir("/proc/self/fd")), threading.active_count()
 
     link, before = tmp_path / "ttyHead", resources()
@@ -96,7 +94,7 @@ def test_unplugged_adapter_returns_with_the_same_link_and_leaves_nothing(tmp_pat
 
 
 @pytest.mark.parametrize("baud_rate", [57_600, 250_000, 4_500_000])
-def test_only_servos_with_the_baud_rate_of_the_program_receive(baud_rate: int) -> None:
+def test_only_servos_with_the_baud_rate_of_the_program_receive(baud_rate):
     servo = SimulatedServo(1, servo_model("XM430-W350"))
     code = {rate: code for code, rate in servo.model.baud_rates.items()}.get(baud_rate)
     if code is not None:
@@ -109,10 +107,10 @@ def test_only_servos_with_the_baud_rate_of_the_program_receive(baud_rate: int) -
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_an_internal_error_removes_the_port() -> None:
+def test_an_internal_error_removes_the_port():
     failed = threading.Event()
 
-    def fail(answer: Answer) -> tuple[Answer, ...]:
+    def fail(answer):
         raise ZeroDivisionError("a defect of the simulator")
 
     bus = SimulatedBus([SimulatedServo(1)], faults=OnAnswers(fail))

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from simulated_packets import InstructionPacket, InstructionPacket2, write
 
-from head_tracking.dynamixel import ServoModel, servo_model
+from head_tracking.dynamixel import servo_model
 from head_tracking.dynamixel.models import all_models
 from head_tracking.dynamixel.protocol import ErrorBits, StatusCode
 from head_tracking.simulation import SimulatedBus, SimulatedServo
@@ -22,11 +22,11 @@ XM430 = servo_model("XM430-W350")
 
 
 @pytest.mark.parametrize(("address", "length"), [(49, 2), (50, 1), (0, 51), (255, 1), (0, 0)])
-def test_read_behind_the_table_is_a_range_error(address: int, length: int) -> None:
+def test_read_behind_the_table_is_a_range_error(address, length):
     assert SimulatedServo(1).execute(Packet.read(1, address, length), 0) == RANGE
 
 
-def test_goal_outside_the_angle_limits_is_refused() -> None:
+def test_goal_outside_the_angle_limits_is_refused():
     servo = SimulatedServo(1)
     write(servo, "CW Angle Limit", 300)
     write(servo, "CCW Angle Limit", 800)
@@ -43,7 +43,7 @@ def test_goal_outside_the_angle_limits_is_refused() -> None:
     st.integers(0, 255),
     st.binary(max_size=60),
 )
-def test_no_instruction_makes_a_servo_raise(model: str, code: int, parameters: bytes) -> None:
+def test_no_instruction_makes_a_servo_raise(model, code, parameters):
     servo = SimulatedServo(1, model)
     packet = Packet if servo.model.protocol == 1 else Packet2
     for servo_id in (1, 254):
@@ -56,7 +56,7 @@ def test_no_instruction_makes_a_servo_raise(model: str, code: int, parameters: b
 
 
 @pytest.mark.parametrize("model", ["AX-12", "MX-64"])
-def test_blocked_servo_shuts_down_and_comes_back_by_its_torque_limit(model: str) -> None:
+def test_blocked_servo_shuts_down_and_comes_back_by_its_torque_limit(model):
     servo = SimulatedServo(1, servo_model(model))
     servo.advance(0)
     goal = servo.model.center + 200
@@ -103,7 +103,7 @@ def servo(model=XM430, **options) -> SimulatedServo:
         (Packet2.write(1, 9, b"\0"), StatusCode.ACCESS),  # EEPROM with torque on
     ],
 )
-def test_error_codes_of_refused_packets(packet: InstructionPacket2, code: StatusCode) -> None:
+def test_error_codes_of_refused_packets(packet, code):
     s = servo()
     s.set_register("Torque Enable", 1)
     before = s.register("Return Delay Time")
@@ -114,9 +114,7 @@ def test_error_codes_of_refused_packets(packet: InstructionPacket2, code: Status
 @pytest.mark.parametrize(
     ("firmware", "data", "last"), [(None, 208, 20), (52, 208, 20), (53, 224, 28)]
 )
-def test_indirect_registers_of_the_330_series_are_those_of_its_firmware(
-    firmware, data, last
-) -> None:
+def test_indirect_registers_of_the_330_series_are_those_of_its_firmware(firmware, data, last):
     s = servo(servo_model("XL330-M288"), firmware=firmware)
     status = s.execute(Packet2.read(1, 168 + 2 * (last - 1), 2), 0)  # it stands for its own data
     assert status is not None and status.data == bytes((data + last - 1, 0))
@@ -129,7 +127,7 @@ def test_indirect_registers_of_the_330_series_are_those_of_its_firmware(
 # Bus watchdog
 
 
-def test_bus_watchdog_trips_in_time_without_calls_of_advance() -> None:
+def test_bus_watchdog_trips_in_time_without_calls_of_advance():
     """In simulated time the next packet is the first thing that happens."""
     s, watched = servo(), servo()
     for one in (s, watched):
@@ -145,7 +143,7 @@ def test_bus_watchdog_trips_in_time_without_calls_of_advance() -> None:
 
 
 @pytest.mark.parametrize("setting", [("Operating Mode", 1), ("Drive Mode", 4)])
-def test_the_motor_does_not_drive_in_a_mode_that_is_not_simulated(setting) -> None:
+def test_the_motor_does_not_drive_in_a_mode_that_is_not_simulated(setting):
     s = servo()
     for name, value in (setting, ("Torque Enable", 1), ("Goal Position", 3000)):
         assert write(s, name, value) == 0
@@ -156,7 +154,7 @@ def test_the_motor_does_not_drive_in_a_mode_that_is_not_simulated(setting) -> No
 # Operating modes
 
 
-def test_extended_position_mode_counts_turns() -> None:
+def test_extended_position_mode_counts_turns():
     s = servo()
     write(s, "Operating Mode", 4)
     write(s, "Torque Enable", 1)
@@ -167,7 +165,7 @@ def test_extended_position_mode_counts_turns() -> None:
 
 @pytest.mark.parametrize("direction", [1, -1])
 @pytest.mark.parametrize("model", all_models(), ids=lambda model: model.name)
-def test_a_goal_speed_is_kept(model: ServoModel, direction: int) -> None:
+def test_a_goal_speed_is_kept(model, direction):
     servo = SimulatedServo(1, model)
     servo.advance(0)
     count = round(0.3 * model.no_load_speed / model.speed_unit)
@@ -214,7 +212,7 @@ def bench(**options: float) -> Bench:
     return Bench(SimulatedServo(1, **options))
 
 
-def test_step_at_full_speed_arrives_without_ringing() -> None:
+def test_step_at_full_speed_arrives_without_ringing():
     b = bench()
     b.go(610, 0)
     path = b.run(0.5)
@@ -227,7 +225,7 @@ def test_step_at_full_speed_arrives_without_ringing() -> None:
     assert turns <= 1
 
 
-def test_deflection_under_load() -> None:
+def test_deflection_under_load():
     b = bench()
     b.go(512, 0)
     b.servo.drive.push(-0.75)  # half the stall torque
@@ -241,9 +239,9 @@ def test_deflection_under_load() -> None:
 
 
 @pytest.mark.parametrize("model", ["AX-12", "XL-320"])
-def test_the_dead_angle_reads_as_the_nearer_end_of_the_range(model: str) -> None:
+def test_the_dead_angle_reads_as_the_nearer_end_of_the_range(model):
     b = Bench(SimulatedServo(1, model))
-    read: dict[int, set[int]] = {}
+    read = {}
     for torque in (0.3, -0.3):
         b.servo.drive.push(torque)
         for _ in range(200):
@@ -255,7 +253,7 @@ def test_the_dead_angle_reads_as_the_nearer_end_of_the_range(model: str) -> None
     assert len(read[0]) > 10
 
 
-def test_motion_does_not_depend_on_the_calls_of_advance() -> None:
+def test_motion_does_not_depend_on_the_calls_of_advance():
     often, rarely = bench(), bench()
     for b in (often, rarely):
         b.go(900, 150)
@@ -267,7 +265,7 @@ def test_motion_does_not_depend_on_the_calls_of_advance() -> None:
     assert often.servo.drive.speed == rarely.servo.drive.speed
 
 
-def test_time_at_rest_is_skipped() -> None:
+def test_time_at_rest_is_skipped():
     b = bench()
     b.go(600, 0)
     b.servo.advance(10**18)  # thirty years in steps of a millisecond would not end
@@ -276,10 +274,10 @@ def test_time_at_rest_is_skipped() -> None:
 
 
 @pytest.mark.parametrize("volts", [9.6, 12.0])
-def test_torque_falls_with_the_supply(volts: float) -> None:
+def test_torque_falls_with_the_supply(volts):
     """The heaviest load that it still lifts is in proportion to its supply."""
 
-    def lifts(share: float) -> bool:
+    def lifts(share):
         b = bench(supply_voltage=volts)
         b.servo.drive.push(
             -share * b.servo.model.stall_torque * volts / b.servo.model.nominal_voltage
@@ -293,7 +291,7 @@ def test_torque_falls_with_the_supply(volts: float) -> None:
 
 
 @pytest.mark.parametrize("gap", [1_000_000, 700_000, 100_000_000])
-def test_coupled_shafts_turn_together_however_often_the_bus_is_simulated(gap: int) -> None:
+def test_coupled_shafts_turn_together_however_often_the_bus_is_simulated(gap):
     bus = SimulatedBus([SimulatedServo(1), SimulatedServo(2)])
     bus.couple(1, 2)
     bus.advance(SECOND)

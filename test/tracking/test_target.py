@@ -160,7 +160,7 @@ def test_the_harmonic_path_has_the_tutorials_ends_and_no_jerk():
         assert min(z) == pytest.approx(-0.1, abs=1e-3), path
         assert max(z) == pytest.approx(0.4, abs=1e-3), path
 
-    def hardest(z: list[float]) -> float:
+    def hardest(z):
         """The largest acceleration [m/rad^2]."""
         bends = zip(z, z[1:], z[2:], strict=False)
         return max(abs(a - 2.0 * b + c) for a, b, c in bends) / step**2

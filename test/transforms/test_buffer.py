@@ -86,7 +86,7 @@ def test_the_root_of_the_model_is_not_put_into_or_below_a_loop(kinectbot, static
 
 
 def test_frames_that_joints_move_are_found_also_after_they_were_attached_elsewhere(buffer):
-    def carried() -> set[str]:
+    def carried():
         names = ("base_link", "camera_link", "nowhere", "tool", "ball")
         return {name for name in names if buffer.is_moved_by(name, tuple(HEAD))}
 
@@ -146,9 +146,9 @@ def test_readers_see_one_moment_while_a_writer_writes(kinectbot):
     buffer = TransformBuffer()
     buffer.set_model(kinectbot)
     buffer.set_joint_positions(1, dict.fromkeys(HEAD, 0.0))
-    mixed: list[float] = []
+    mixed = []
 
-    def read() -> None:
+    def read():
         found = buffer.lookup_transform("head_pan_link", "camera_link").transform
         _, tilt, pan = found.rotation.as_rpy()
         if abs(tilt - pan) > 1e-9:
@@ -183,7 +183,7 @@ def test_until_a_joint_is_measured_samples_tell_where_its_link_is(kinectbot):
     buffer.set_model(kinectbot)
     joint = kinectbot.joints["head_pan_joint"]
 
-    def pan() -> float:
+    def pan():
         found = buffer.lookup_transform(joint.parent, joint.child).transform
         return (joint.origin.inverse() @ found).rotation.as_rpy()[2]
 
@@ -323,7 +323,7 @@ def test_an_interrupted_wait_leaves_nothing_behind(buffer, monkeypatch):
         def get(self, *_, **__):
             raise KeyboardInterrupt
 
-    asked: list[str] = []
+    asked = []
     monkeypatch.setattr(buffer, "can_transform", lambda *frames: asked.append(frames))
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr(buffers, "SimpleQueue", Interrupted)
