@@ -16,6 +16,7 @@ from head_tracking.ros.kit.node_parameters import (
     source,
 )
 from head_tracking.ros.kit.spinning import start_ros
+from head_tracking.run.node_sets import simulated_camera
 
 
 @pytest.fixture
@@ -172,6 +173,14 @@ def test_a_rule_for_a_node_sets_any_parameter_in_a_namespace(started, name):
     node = started("", "-r", "__ns:=/left", "-p", f"head_tracker:{name}:=7")()
     check_parameters([node])
     assert node.get_parameter(name).value == 7
+
+
+def test_a_value_that_is_given_replaces_the_usual_one_of_a_run(started):
+    started("", "-p", "simulated_camera:width:=64")
+    camera = simulated_camera("ball", shown=False).make({"buffer": None})
+    shown = [camera.get_parameter(name).value for name in ("scene", "width", "height")]
+    camera.destroy_node()
+    assert shown == ["ball", 64, 240]
 
 
 @pytest.mark.parametrize("rule", ["servo_bus:rate:=", "rate:=[1, x]"])
