@@ -160,7 +160,7 @@ def test_a_camera_that_is_loose_on_one_side_is_refused(geometry):
     ("points", "turn"),
     [
         (0, ((-1, 0), (0, -1))),  # upside down
-        (12, ((0, -1), (1, 0))),  # on its side
+        (6, ((0, -1), (1, 0))),  # on its side
         (1, ((-1, 0), (0, 1))),  # the images, or the direction of pan
         (0, ((1, 0), (0, -1))),  # the direction of tilt
     ],
