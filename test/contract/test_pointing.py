@@ -64,7 +64,7 @@ def test_an_unreachable_target_is_refused_and_nothing_moves(bench, person):
     for *target, fact in (
         (0.0115, 0, 3, "head_pan_link", "pan"),
         (1, 0, 0, "nose_link", "nose_link"),
-        (1, 0, 0, "", "frame"),
+        (1, 0, 0, "", "frame name"),
         (math.nan, 0, 0, "base_link", "nan"),
         (1, math.inf, 0, "base_link", "inf"),
         (-2, 0, 0.1, "head_pan_link", JOINTS[0]),
