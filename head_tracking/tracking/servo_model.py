@@ -50,7 +50,8 @@ _UNEXPLAINED = 0.2  # of that distance counts as an error
 _FAR = 0.15  # rad; limit of that distance
 _STEP = 0.03  # s; the speed of a shaft is measured over two of these
 _ASTRAY = 0.07  # rad; least distance of a shaft that does not follow
-_COMING = 0.5  # rad/s; a shaft that comes faster to its set-point follows it, however late
+_WEAK = 13.0  # rad/s^2; a shaft that accelerates less overshoots its set-point when it comes back
+_VAGUE = 0.06  # s; deviation of a delay that may be longer instead
 _LOGS: Array = np.log(np.maximum(_DELAYS, 0.5 * _CELL) / 0.045).astype(float)
 _RARITY: Array = np.add.outer(_RARE_BAND * _BANDS, [*(_RARE_LIMIT for _ in _LIMITS[:-1]), 0.0])
 _PRIOR: Array = -_LOGS - 0.5 * (_LOGS / 0.8) ** 2 - _RARITY[..., None]
@@ -175,7 +176,7 @@ class ShaftModel:
     @property
     def to_save(self) -> ServoValues | None:
         """The estimates to save; None: the deviation of the delay is too large."""
-        if self.learned == -math.inf or self.deviation > KNOWN:
+        if self.learned == -math.inf or self.deviation > _VAGUE:
             return None
         return ServoValues(self.mean, self.deviation, self._band[0])
 
@@ -254,16 +255,17 @@ class ShaftModel:
             position [rad] and speed [rad/s]; None: the shaft has followed its commands.
         """
         stamp, position = self.reading
-        here = self.setpoint(stamp - self.delay)
+        gap = position - self.setpoint(stamp - self.delay)
         before = self._at(stamp - 2.0 * _STEP)
-        if abs(position - here) < _ASTRAY or before is None:
+        if abs(gap) < _ASTRAY or before is None:
             return None
         speed = (position - before) / (2.0 * _STEP)
-        if speed * (position - here) > 0.0 or abs(speed) > _COMING:
-            return None  # away it brakes as hard as it can, and a fast one comes by itself
-        likely = self._grid[0, self._filled - _CELLS : self._filled] + self._offset
-        if likely.min() - _AWAY < position < likely.max() + _AWAY:
-            return None  # some delay explains it
+        if speed * gap > 0.0:
+            return None  # away it brakes as hard as it can
+        if self.acceleration > _WEAK or self.deviation > _VAGUE:
+            likely = self._grid[0, self._filled - _CELLS : self._filled] + self._offset
+            if likely.min() - _AWAY < position < likely.max() + _AWAY:
+                return None  # some delay explains it
         return position + speed * (now + self.delay - stamp), speed
 
     def _correct(self, elapsed: float, stamp: float, position: float) -> None:

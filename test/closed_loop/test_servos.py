@@ -85,6 +85,17 @@ def test_a_servo_with_a_long_lag_comes_to_rest():
     assert recording.between(6.0).rms < 0.01
 
 
+@pytest.mark.parametrize(("seconds", "every", "left"), [(0.9, 2.0, 0.4), (1.0, 3.0, 0.5)])
+def test_a_weak_servo_does_not_swing_far_past_its_target(seconds, every, left):
+    def path(t):
+        way = min(t % every / seconds, 1.0)
+        smooth = way**3 * (10.0 - 15.0 * way + 6.0 * way * way)
+        return around(left * (2.0 * smooth - 1.0) * (-1.0) ** (t // every))
+
+    conditions = replace(BESIDE, duration=20.0, servos=PlainServo(acceleration=4.0))
+    assert abs(run(path, conditions).recording.positions[:, 0]).max() < 2.0 * left
+
+
 def jumps(t):
     return around((-0.4, 0.3, 0.0, 0.5)[int(t / 2.0) % 4])
 
