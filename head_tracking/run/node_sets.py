@@ -23,7 +23,7 @@ class NodeSpec:
         needs: constructor arguments that its process provides: "buffer", the transforms of the
             process; "loop", the control loop; "simulate", which makes simulated servos, or None.
         parameters: values of this run; they override parameter files.
-        usual: values for a `ClosingNode` where neither a file nor the command line has one.
+        defaults: of parameters, for a constructor argument of that name; empty: the node's own.
         process: CONTROL, VISION or PAGE.
         enabled: whether it publishes from the start, if its process is not CONTROL.
     """
@@ -33,7 +33,7 @@ class NodeSpec:
     parameters: Mapping[str, Any] = field(default_factory=dict)
     process: str = CONTROL
     enabled: bool = True
-    usual: Mapping[str, Any] = field(default_factory=dict)
+    defaults: Mapping[str, Any] = field(default_factory=dict)
 
     def make(self, available: Mapping[str, Any]) -> Any:
         """Make the node.
@@ -46,8 +46,8 @@ class NodeSpec:
         overrides = [Parameter(name, value=value) for name, value in self.parameters.items()]
         kind = resolve_name(node_class(self.name))
         options = {name: available[name] for name in self.needs}
-        if self.usual:
-            options["usual"] = self.usual
+        if self.defaults:
+            options["defaults"] = self.defaults
         return kind(parameter_overrides=overrides, **options)
 
 
@@ -88,8 +88,8 @@ SCENES: Mapping[str, str] = {spec.target: spec.scene for spec in DETECTORS.value
 def simulated_camera(scene: str, *, shown: bool) -> NodeSpec:
     """Return the camera of a simulated head, with small images unless a page shows them."""
     size = {} if shown else {"width": 320, "height": 240}
-    usual = {"scene": scene, **size}
-    return NodeSpec("simulated_camera", ("buffer",), process=VISION, usual=usual)
+    defaults = {"scene": scene, **size}
+    return NodeSpec("simulated_camera", ("buffer",), process=VISION, defaults=defaults)
 
 
 VIEWER = NodeSpec("viewer", process=PAGE)

@@ -13,7 +13,7 @@ import tempfile
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,6 @@ from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.logging import get_logging_directory
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.timer import Timer
 
@@ -59,18 +58,13 @@ class ClosingNode(Node):
 
     Since ROS 2 Kilted a context that shuts down destroys its nodes, also incomplete ones.
 
-    Args:
-        usual: values of parameters where neither a file nor the command line has one.
-
     Attributes:
         closing: callbacks, the last one first.
     """
 
-    def __init__(self, name: str, usual: Mapping[str, Any] | None = None, **options: Any) -> None:
+    def __init__(self, name: str, **options: Any) -> None:
         self.closing = ExitStack()
         super().__init__(name, **options)
-        for key, value in (usual or {}).items():
-            self._parameter_overrides.setdefault(key, Parameter(key, value=value))
 
     def destroy_node(self) -> None:
         """Call `closing`, then destroy the node."""

@@ -86,6 +86,7 @@ class SimulatedCameraNode(ClosingNode):
 
     Args:
         buffer: frames that another node of this process maintains; None: subscribe to them.
+        defaults: of the parameters, instead of those of `SimulatedCameraParameters`.
         options: options of the node.
 
     Attributes:
@@ -93,11 +94,13 @@ class SimulatedCameraNode(ClosingNode):
         renderer: renders the scene.
     """
 
-    def __init__(self, buffer: Buffer | None = None, **options: Any) -> None:
+    def __init__(
+        self, buffer: Buffer | None = None, defaults: dict[str, Any] | None = None, **options: Any
+    ) -> None:
         require_opencv()
         super().__init__("simulated_camera", **options)
         self._settings = NodeParameters(
-            self, SimulatedCameraParameters, on_change=self._on_parameters
+            self, SimulatedCameraParameters, defaults=defaults, on_change=self._on_parameters
         )
         p = self._settings.value
         self._buffer = (buffer or listening_buffer(self)).core
