@@ -546,6 +546,8 @@ def test_a_browser_with_the_token_of_an_earlier_run_is_told_so(viewer, visit, mo
 def test_a_drag_from_before_a_stop_ends(robot, camera, viewer, page, place, has_heard):
     open_tab(page, "joints" if place == ".slider input" else "live")
     page.wait_for_function("document.getElementById('picture').naturalWidth > 0")
+    enabled = "document.querySelector('.slider input')?.disabled === false"
+    page.wait_for_function(f"headPage.about && {enabled}")  # not so soon after the last STOP
     page.locator(place).first.scroll_into_view_if_needed()
     box, asked = page.locator(place).first.bounding_box(), []
     x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
