@@ -29,9 +29,8 @@ def commands(robot: Robot, live: Live, tuning: Tuning) -> dict[str, Callable[[Fi
     modes, joints, recorder = robot.modes, robot.joints, robot.recorder
 
     def in_time(command: Callable[[Fields], str | None], of: Fields) -> str | None:
-        known = of.get("stops", robot.stop.count)
-        if known != robot.stop.count and of.get("mode") != Mode.OFF and of.get("on") is not False:
-            raise HeadTrackingError("The head was stopped before this page showed it: try again.")
+        if "stops" in of and of.get("mode") != Mode.OFF and of.get("on") is not False:
+            robot.stop.require(of["stops"])
         return command(of)
 
     found: dict[str, Callable[[Fields], str | None]] = {

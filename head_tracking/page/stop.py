@@ -67,9 +67,13 @@ class Stop:
         count = self.count
         if self.stopped or self._trying:
             raise HeadTrackingError("The head is stopped: press Resume first.")
-        if stops not in (None, count):
-            raise HeadTrackingError("The head was stopped after this was requested.")
+        self.require(count if stops is None else stops)
         return count
+
+    def require(self, stops: int) -> None:
+        """Raise HeadTrackingError if there was a STOP after that number of them."""
+        if stops != self.count:
+            raise HeadTrackingError("The head was stopped after this was requested.")
 
     @property
     def can_resume(self) -> bool:

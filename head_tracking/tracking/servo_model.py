@@ -176,7 +176,7 @@ class ShaftModel:
     @property
     def to_save(self) -> ServoValues | None:
         """The estimates to save; None: the deviation of the delay is too large."""
-        if self.learned == -math.inf or self.deviation > _VAGUE:
+        if self.learned == -math.inf or self.deviation > KNOWN:
             return None
         return ServoValues(self.mean, self.deviation, self._band[0])
 

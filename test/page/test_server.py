@@ -39,7 +39,7 @@ class _Robot:
         self.joints = SimpleNamespace(move=None)
         self.recorder = SimpleNamespace(files=tuple)
         self.parameters = SimpleNamespace(settings=tuple)
-        self.stop = SimpleNamespace(resume=lambda: "", count=0)
+        self.stop = SimpleNamespace(resume=lambda: "", require=lambda stops: None)
 
     def poll(self) -> None:
         raise RuntimeError("the robot fails")
@@ -234,8 +234,8 @@ def test_an_empty_field_of_another_mode_does_not_keep_the_path_from_being_sent(t
     tab.evaluate(f"({_SHOW_ABOUT})(0, false, 'path')")
     with tab.expect_request("**/head/do/path") as asked:
         tab.locator("#go").click()
-    path = {"shape": "circle", "size": 0.3, "speed": 0.2}
-    assert {**asked.value.post_data_json, **path} == asked.value.post_data_json
+    path = {"shape": "circle", "size": 0.3, "speed": 0.2, "stops": 0}
+    assert asked.value.post_data_json == path
 
 
 def test_a_robot_without_a_camera_is_told_from_one_whose_picture_is_late(tab):
@@ -250,8 +250,7 @@ def test_a_robot_without_a_camera_is_told_from_one_whose_picture_is_late(tab):
 def test_the_card_of_a_frame_follows_none_until_one_is_chosen(tab):
     with tab.expect_request("**/head/do/mode") as asked:
         tab.evaluate("() => { headPage.steer.choose('follow a frame'); }")
-    asked_for = asked.value.post_data_json
-    assert (asked_for["mode"], asked_for.get("frame")) == ("follow a frame", None)
+    assert asked.value.post_data_json == {"mode": "follow a frame"}
 
 
 def test_the_card_of_the_mode_is_in_view_on_a_phone(tab):
