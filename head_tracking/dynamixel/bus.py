@@ -39,6 +39,7 @@ from head_tracking.dynamixel.state import (
     ServoStatistics,
 )
 
+RESTART_TIME: Final = 3.0  # s that a servo may take to restart
 _STARTING: Final = 1.5  # s that the servos of the next joint that starts may take to answer
 _AGAIN: Final = 0.01  # s after which joints that have not confirmed are relaxed again
 _CLOSING: Final = 0.3  # s that each joint may take to confirm at the end

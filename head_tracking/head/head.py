@@ -30,6 +30,7 @@ from head_tracking.dynamixel import (
     StoppedError,
     TorqueError,
 )
+from head_tracking.dynamixel.bus import RESTART_TIME
 from head_tracking.dynamixel.requests import Steps
 from head_tracking.dynamixel.serial_port import open_serial
 from head_tracking.exceptions import (
@@ -105,7 +106,6 @@ AX_12_PAIR = configured_head(()).servos
 _RATE = 50.0  # cycles per second
 _TIMEOUT = 2.0  # s
 _EXECUTION = 10.0  # s; the steps wait for cycles, which a busy machine delays
-_RESTART = 3.0  # s that a servo may take to restart
 _FASTEST = 12.0  # rad/s
 _LATEST = 1e11  # s since 1970; larger numbers are milliseconds or nanoseconds
 
@@ -590,7 +590,7 @@ class Head:
             RefusedCommandError: the head is closed, or was stopped or relaxed meanwhile.
         """
         self._require_open()
-        request = partial(ServoBus.recovering, patience=_RESTART)
+        request = partial(ServoBus.recovering, patience=RESTART_TIME)
         self._execute(request, self._owners.epoch.value)
 
     def close(self) -> None:

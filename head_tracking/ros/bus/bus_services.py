@@ -20,11 +20,11 @@ from head_tracking.dynamixel import (
     ServoBus,
     TorqueError,
 )
+from head_tracking.dynamixel.bus import RESTART_TIME
 from head_tracking.ros.kit.joint_owners import offer_stop
 from head_tracking.ros.kit.threads import UrgentServices
 
 _TIMEOUT = 2.0  # s
-_RESTART = 3.0  # s that a servo may take to restart
 _MEMORY = 10.0  # s
 
 Joints = tuple[str, ...]
@@ -107,7 +107,7 @@ class BusServices:
 
     def _recover(self, joints: Joints) -> str:
         found = self._run(
-            joints, lambda bus, share: bus.recovering(share, _RESTART), _RESTART + _TIMEOUT
+            joints, lambda bus, share: bus.recovering(share, RESTART_TIME), RESTART_TIME + _TIMEOUT
         )
         faulted = [joint for share in found for joint in share]
         if not faulted:
