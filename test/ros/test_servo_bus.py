@@ -21,7 +21,7 @@ MAXIMUM = "head_pan_controller.motor.max"
 
 def test_relaxing_waits_for_no_other_service_and_for_no_other_client(threads, monkeypatch):
     """Somebody waits for a servo that restarts, and loses its power while it does."""
-    monkeypatch.setattr(bus_services, "_RESTART", 60.0)
+    monkeypatch.setattr(bus_services, "RESTART_TIME", 60.0)
     xm = servo_model("XM430-W350")
     servos = [SimulatedServo(i, xm, boot_time=3.0) for i in (1, 2)]
     with SimulatedPort(servos) as simulated:
