@@ -95,12 +95,15 @@ class ChildProcess:
         ours, theirs = socket.socketpair(type=socket.SOCK_SEQPACKET)
         with theirs:
             program = (sys.executable, "-m", "head_tracking.run.child")
+            # modules as here: -m would prefer a queue.py of the working folder
+            paths = {"PYTHONSAFEPATH": "1", "PYTHONPATH": os.pathsep.join(sys.path)}
             # Ctrl-C waits until the process handles it; the process unblocks it then
             mask = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
             try:
                 self._process = subprocess.Popen(
                     [*program, self.name, str(theirs.fileno()), *self._arguments],
                     pass_fds=[theirs.fileno(), *self._descriptors],
+                    env=os.environ | paths,
                 )
             finally:
                 signal.pthread_sigmask(signal.SIG_SETMASK, mask)
