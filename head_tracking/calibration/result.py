@@ -205,7 +205,7 @@ class Calibration:
         """
         path = Path(path)
         try:
-            found = yaml.safe_load(path.read_text())
+            found = yaml.safe_load(path.read_text(encoding="utf-8"))
             if not isinstance(found, Mapping):
                 raise ValueError("no names with values")
             return Calibration(

@@ -78,7 +78,7 @@ def service_steps(arguments: Sequence[str], folder: Path) -> list[Step]:
     parse_arguments(arguments)  # the service would be restarted after each mistake
     prefix = _workspace()
     above = prefix.parent / "setup.bash"
-    text = (share_directory() / "machine" / _UNIT.name).read_text()
+    text = (share_directory() / "machine" / _UNIT.name).read_text(encoding="utf-8")
     words = {
         "@USER@": getpass.getuser(),
         "@FOLDER@": str(Path.cwd()).replace("%", "%%"),
@@ -89,7 +89,7 @@ def service_steps(arguments: Sequence[str], folder: Path) -> list[Step]:
     for word, value in words.items():
         text = text.replace(word, value)
     file = folder / _UNIT.name
-    file.write_text(text)
+    file.write_text(text, encoding="utf-8")
     return [
         Step(f"install the unit as {_UNIT}", _root("install", "-m", "0644", str(file), str(_UNIT))),
         Step("let systemd read it", _root("systemctl", "daemon-reload")),

@@ -17,6 +17,7 @@ from head_tracking.cli.terminal import Terminal
 from head_tracking.command_line import seconds, writable_file
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.ros.kit.target_point import target_from_message
+from head_tracking.share import write_file
 from head_tracking.tf.conversions import stamp_to_ns
 from head_tracking.tracking import TargetPlacer, Trace, TrackingJudge, picture, table
 
@@ -101,7 +102,7 @@ def _report(client: Client, options: argparse.Namespace) -> None:
         )
     print(table(trace, recording.ages, recording.rate))
     title = f"{recording.head.pointing_frame} and its target"
-    options.output.write_text(picture(trace, title))
+    write_file(options.output, picture(trace, title))
     print(f"\nplot: {options.output}")
 
 
