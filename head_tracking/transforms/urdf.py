@@ -8,6 +8,7 @@ import pickle
 import signal
 import subprocess
 import sys
+import threading
 from functools import cache
 from html import escape
 from importlib.util import find_spec
@@ -20,6 +21,7 @@ from head_tracking.transforms.robot_model import Joint, JointType, RobotModel
 from head_tracking.transforms.transform import Transform
 
 _parses_in_child = False
+_xacro_lock = threading.Lock()  # xacro keeps its state in its module
 
 
 def parse_in_child_process() -> None:
@@ -116,7 +118,8 @@ def _parse(function: str, *arguments: Any) -> RobotModel:
     if not _parses_in_child:
         from head_tracking.transforms import urdf_parser
 
-        model: RobotModel = getattr(urdf_parser, function)(*arguments)
+        with _xacro_lock:
+            model: RobotModel = getattr(urdf_parser, function)(*arguments)
         return model
     # Ctrl-C is for this process; the child would get it until its own session begins
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])

@@ -1,9 +1,11 @@
 import pickle
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from head_tracking.share import robot_file
 from head_tracking.transforms import (
     RobotModelError,
     Transform,
@@ -99,6 +101,12 @@ def test_a_missing_file_and_a_broken_xacro_name_the_file(tmp_path):
         load_robot_model(broken)
 
 
+def test_models_are_loaded_in_threads_at_once(kinectbot):
+    with ThreadPoolExecutor(4) as pool:
+        models = pool.map(load_robot_model, [robot_file("kinectbot")] * 8)
+    assert {model.urdf for model in models} == {kinectbot.urdf}
+
+
 def test_a_second_world_is_refused(kinectbot):
     with pytest.raises(RobotModelError):
         with_fixed_root(kinectbot, "torso_link", Transform.identity())
@@ -113,6 +121,7 @@ def run(program: str) -> None:
 def test_a_child_process_parses_the_same_and_keeps_its_libraries():
     run("""
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from head_tracking.share import robot_file
 from head_tracking.transforms import RobotModelError, load_robot_model, parse_robot_model
 from head_tracking.transforms.urdf import parse_in_child_process
