@@ -41,6 +41,8 @@ _CLOSE = 1e-3  # m: nearer than this to the pan axis or the camera, a bearing me
 
 _FAR = 1e9  # m: beyond this only the direction matters, and squares would overflow
 
+_ALONG = 1e-3  # rad; a camera this near to the tilt axis looks along it
+
 _UNLIMITED = (-math.inf, math.inf)
 
 _NEARLY_SQUARE = 0.01  # rad; heads built like this have one gaze, and no other comes near it
@@ -167,8 +169,15 @@ class PanTiltHead:
         self._camera = _in_tilt_basis(R_C_tilt @ T_tilt_camera.translation, slant)
         axis = R_C_tilt @ (T_tilt_camera.rotation @ self.pointing_axis)
         self._axis = _in_tilt_basis(axis, slant)
-        # how far before the pan axis the camera is, along its axis [m]
-        self._lead = self._tilt_origin[0] + math.fsum(map(mul, self._camera, self._axis))
+        if math.hypot(*self._axis[:2]) < _ALONG:
+            raise RobotModelError(
+                f"{pointing_frame!r} looks along the axis of {tilt_joint!r}, which cannot turn it "
+                "elsewhere; choose another pointing_frame or pointing_axis"
+            )
+        # how far before the tilt origin the camera is, along its axis, and before the pan axis [m]
+        self._ahead = math.fsum(map(mul, self._camera, self._axis))
+        self._lead = self._tilt_origin[0] + self._ahead
+        self._beside_axis = math.hypot(*np.cross(self._camera, self._axis))
         self._nearly_square = abs(slant[1]) < _NEARLY_SQUARE and abs(self._axis[2]) < _NEARLY_SQUARE
 
     @property
@@ -382,18 +391,18 @@ class PanTiltHead:
         reach = math.hypot(rho, z)
         for _ in range(_MOST_TURNS):
             side = aside + slope * reach
-            if rho <= abs(side):
-                return None
-            offset = math.asin(side / rho)
+            offset = math.asin(min(max(side / rho, -1.0), 1.0))
             behind = backwards is not (self._axis[0] < 0.0)
             pan = bearing - math.pi + offset if behind else bearing - offset
             if slope == 0.0:
-                return pan
-            found = self._range(*self._beside(point, pan)[:2])
-            if found is None:
+                return pan if abs(side) < rho else None
+            # as far from the tilt origin as the point, which pan changes little
+            inside = math.hypot(*self._beside(point, pan)) ** 2 - self._beside_axis**2
+            if inside <= 0.0:
                 return None
+            found = math.sqrt(inside) - self._ahead
             if abs(slope * (found - reach)) <= _SAME * rho:
-                return pan
+                return pan if abs(side) < rho else None
             reach = found
         return None
 
@@ -458,8 +467,6 @@ class PanTiltHead:
         """How far along the pointing axis [m] it is as far from the tilt axis as (u, v)."""
         (cu, cv, _), (au, av, _) = self._camera, self._axis
         square = au * au + av * av
-        if square < 1e-9:
-            return None
         half = cu * au + cv * av
         # (across the axis, seen along tilt: better conditioned than the difference of squares)
         beside = (cu * av - cv * au) ** 2

@@ -49,6 +49,7 @@ SQUARE = {
     "camera rolled": {"camera_rpy": "0.9 0 0"},
     "leaning torso": {"pan_rpy": "0.2 0.3 -0.4"},
 }
+ASIDE = [{"camera_rpy": f"0.3 0 {aside}"} for aside in (0.8, -1.2)]  # cameras that look aside
 CROOKED = {"pan_rpy": "0.3 -0.1 0.2", "tilt_rpy": "0.1 0.2 -0.15", "camera_rpy": "0.3 0.1 -0.2"}
 
 
@@ -120,6 +121,7 @@ def crooked(rnd):
         *((options, 1e-13) for options in SQUARE.values()),
         *((nearly_square(random.Random(seed)), 1e-13) for seed in range(6)),
         *((crooked(random.Random(seed)), 1e-9) for seed in range(8)),
+        *((options, 1e-12) for options in ASIDE),
     ],
 )
 def test_a_head_of_any_build_is_pointed_exactly(options, most):
@@ -130,6 +132,11 @@ def test_a_head_of_any_build_is_pointed_exactly(options, most):
         assert gaze.status is GazeStatus.REACHED, gaze
         assert gaze.miss < most
         assert miss_by_matrices(model, target, gaze.pan, gaze.tilt) < most
+        ray = head.ray(target, gaze.pan, gaze.tilt)
+        if ray is None:  # two gazes merge there
+            assert math.dist(target, (0.1, 0.02, 0.5)) < 0.8
+            continue
+        assert miss_by_matrices(model, target, ray.pan, ray.tilt) < most
 
 
 @settings(max_examples=100)
@@ -246,6 +253,7 @@ SPINNING = head_urdf().replace('name="mount" type="fixed"', 'name="mount" type="
         (head_urdf(tilt_axis="0 0 1"), (PAN, TILT), "camera", None),  # parallel
         (SPINNING, (PAN, TILT), "camera", None),  # a joint behind the tilt
         (head_urdf(), (PAN, TILT), "camera", (0.0, 0.0, 0.0)),
+        (head_urdf(), (PAN, TILT), "camera", (0.0, 1.0, 0.0)),  # along the tilt axis
     ],
 )
 def test_a_head_that_cannot_be_is_refused(kinectbot, urdf, joints, frame, axis):
