@@ -9,14 +9,16 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 from typing import Final
 
 from head_tracking.cli.servo.calibrate import (
+    Ticks,
+    by_hand,
     calibration_of,
     configuration,
     relax_for_hand,
-    ticks_by_hand,
 )
 from head_tracking.cli.servo.overview import FoundServo, find_servos
 from head_tracking.cli.servo.session import USUAL_BAUD_RATES, Session, ToolError, find_servo
@@ -67,9 +69,6 @@ No servo is turned. Without --pan and --tilt you move the head by hand: this sho
 pan, its direction, its zero and its range. Axes: x ahead, y to the left, z up.
 exit codes: 0 done; 1 failed; 2 wrong command line; 3 refused or not confirmed; 130 Ctrl-C
 """
-
-Ticks = Mapping[int, int]
-"""The position of each servo, by id."""
 
 
 def main(
@@ -250,28 +249,24 @@ def _by_hand(terminal: Terminal, servos: Sequence[Servo]) -> list[list[ServoCali
     """Return the calibrations of the servos of pan and of tilt, which are moved by hand."""
     relax_for_hand(terminal, servos)
     joints: list[list[ServoCalibration]] = []
-    for joint in _POSES:
+    for joint, prompts in _POSES.items():
         used = {calibration.id for found in joints for calibration in found}
         others = [servo for servo in servos if servo.id not in used]
         if not others:
             raise RefusedError(f"no servo is left for {joint}")
-        joints.append(_joint_by_hand(terminal, others, joint))
+        calibrated = partial(_calibrated, terminal, others, joint)
+        joints.append(by_hand(terminal, others, joint, prompts, calibrated))
     return joints
 
 
-def _joint_by_hand(
-    terminal: Terminal, servos: Sequence[Servo], joint: str
+def _calibrated(
+    terminal: Terminal, servos: Sequence[Servo], joint: str, zero: Ticks, low: Ticks, high: Ticks
 ) -> list[ServoCalibration]:
-    """Return the calibrations of the servos of a joint; ask again for poses that are impossible."""
-    while True:
-        poses = [ticks_by_hand(terminal, servos, prompt) for prompt in _POSES[joint]]
-        try:
-            return [
-                calibration_of(joint, servo, [pose[servo.id] for pose in poses], _MARGIN)
-                for servo in _moved(terminal, servos, joint, *poses[1:])
-            ]
-        except RefusedError as error:
-            terminal.print(f"{error}. Move {joint} again, or press Ctrl-C")
+    """Return the calibrations of those servos that drive a joint, by its poses."""
+    return [
+        calibration_of(joint, servo, [pose[servo.id] for pose in (zero, low, high)], _MARGIN)
+        for servo in _moved(terminal, servos, joint, low, high)
+    ]
 
 
 def _moved(

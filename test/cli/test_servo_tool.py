@@ -504,11 +504,13 @@ def test_calibrate_keeps_the_earlier_file_if_the_disk_is_full(bench, tmp_path):
 @pytest.mark.parametrize(
     ("servo_id", "poses"), [(1, (512, 512, 520)), (1, (100, 300, 800)), (7, (2048, 3500, 4500))]
 )
-def test_impossible_poses_are_refused(bench, tmp_path, servo_id, poses):
-    bench.move_by_hand(servo_id, *poses)
+def test_impossible_poses_are_asked_for_again(bench, tmp_path, servo_id, poses):
+    center = bench[servo_id].model.center
+    bench.move_by_hand(servo_id, *poses, center, center - 300, center + 300)
     file = tmp_path / "head.yaml"
-    assert bench.run("calibrate", f"head_pan:{servo_id}", "--output", str(file)) == REFUSED
-    assert not bench.on_enter and not file.exists()
+    assert bench.run("calibrate", f"head_pan:{servo_id}", "--output", str(file)) == DONE
+    assert not bench.on_enter
+    assert yaml.safe_load(file.read_text())["/**/servo_bus"]["ros__parameters"]["dynamixels"]
 
 
 def test_what_calibrate_refuses_changes_nothing(bench, tmp_path):

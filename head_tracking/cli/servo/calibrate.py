@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 
@@ -17,6 +18,10 @@ from head_tracking.dynamixel.exceptions import CommunicationError, Configuration
 from head_tracking.dynamixel.servo import Servo
 from head_tracking.exceptions import RefusedError
 from head_tracking.share import write_file
+
+T = TypeVar("T")
+Ticks = Mapping[int, int]
+"""The position of each servo, by id."""
 
 _READINGS = 9
 _SMALLEST_RANGE = 0.1  # rad
@@ -49,9 +54,8 @@ def calibrate(
         relax_for_hand(terminal, servos)
         for (name, servo_id), servo in zip(named, servos, strict=True):
             terminal.print(f"\n{name}: servo {servo_id}, {servo.model.name}")
-            poses = [ticks_by_hand(terminal, [servo], prompt) for prompt in _PROMPTS]
-            ticks = [pose[servo_id] for pose in poses]
-            calibrations.append(calibration_of(name, servo, ticks, margin))
+            calibrated = partial(_calibrated, name, servo, margin)
+            calibrations.append(by_hand(terminal, [servo], name, _PROMPTS, calibrated))
     text = configuration(
         [[each] for each in calibrations], session.port_name, session.baud_rate, "servo calibrate"
     )
@@ -60,6 +64,10 @@ def calibrate(
     else:
         write_file(output, text)
         terminal.print(f"written: {output}")
+
+
+def _calibrated(name: str, servo: Servo, margin: float, *poses: Ticks) -> ServoCalibration:
+    return calibration_of(name, servo, [pose[servo.id] for pose in poses], margin)
 
 
 def relax_for_hand(terminal: Terminal, servos: Sequence[Servo]) -> None:
@@ -132,7 +140,26 @@ def _values(servo: ServoCalibration) -> dict[str, int]:
     return values | {name: int(value) for name, value in memory.items() if value is not None}
 
 
-def ticks_by_hand(terminal: Terminal, servos: Sequence[Servo], prompt: str) -> dict[int, int]:
+def by_hand(
+    terminal: Terminal,
+    servos: Sequence[Servo],
+    joint: str,
+    prompts: Sequence[str],
+    calibrated: Callable[..., T],
+) -> T:
+    """Return what `calibrated` makes of a joint's poses; ask again for impossible ones.
+
+    It gets the ticks of each pose and raises RefusedError if they are not possible.
+    """
+    while True:
+        poses = [_ticks_by_hand(terminal, servos, prompt) for prompt in prompts]
+        try:
+            return calibrated(*poses)
+        except RefusedError as error:
+            terminal.print(f"{error}. Move {joint} again, or press Ctrl-C")
+
+
+def _ticks_by_hand(terminal: Terminal, servos: Sequence[Servo], prompt: str) -> Ticks:
     """Return the ticks of servos by id at the moment when Enter is pressed."""
 
     def read(servo: Servo) -> str:
