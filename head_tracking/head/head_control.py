@@ -116,6 +116,7 @@ class HeadControl(Controller):
         self._limits: Limits | None = None
         self._listening_since = 0  # ns; set by the first check
         self._updated, self._is_fresh = (0.0, 0.0), False
+        self._resumed = -math.inf  # s; the end of a STOP
         self._troubled_since = math.inf
         self._cautious_for = 0.0  # s, with a target
         self._watches = {joint: FollowingWatch(_START_TIME) for joint in self.joints}
@@ -233,6 +234,8 @@ class HeadControl(Controller):
             owners.release(self.name)  # the other joint, too
         if epoch != old_epoch:
             self.is_cautious, self._cautious_for = True, 0.0
+        if self.is_cautious:
+            self._resumed = self.now
         self._end_motion(MotionEnd.DISABLED, str(self.off or Obstacle(Blocked.STOPPED)))
         self._restart_targets()
         return owned
@@ -375,7 +378,7 @@ class HeadControl(Controller):
     def _restart_after(self, jump: str) -> None:
         """Discard everything measured before a jump of the clock."""
         self._log.warning(f"{jump}: all measurements are discarded, and the head holds")
-        self._listening_since = round(self._clock.checked * 1e9)
+        self._listening_since, self._resumed = round(self._clock.checked * 1e9), -math.inf
         if not self._clock.standing:
             self._buffer.clear()
         self.frames.forget()
@@ -420,13 +423,17 @@ class HeadControl(Controller):
         """Accept a target for the next cycle; it is ignored if another motion is in progress.
 
         What a frame of the head has seen in the future is refused: waiting for the joints of that
-        time would only hide that its stamp is wrong.
+        time would only hide that its stamp is wrong. What was measured before the end of a STOP,
+        and delivered late, is refused as well.
         """
         with self.lock:
+            is_late = 0.0 < target.stamp * 1e-9 < self._resumed
             target = self.frames.corrected(target)
             is_early = target.stamp * 1e-9 > self.now + _MOST_EARLY
             if is_early and self.frames.moves_with_head(target.frame_id):
                 self.frames.refuse(target, Verdict.FUTURE)
+            elif is_late:
+                self.frames.refuse(target, Verdict.STOPPED)
             else:
                 self.frames.offer(target, self._clock.checked)
 

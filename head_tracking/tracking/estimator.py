@@ -50,6 +50,7 @@ class Verdict(StrEnum):
     IGNORED = "tracking is switched off"
     FUTURE = "the point lies in the future; the clocks of its sender and of this machine differ"
     NOT_FINITE = "the point is not finite"
+    STOPPED = "the point is from the time before resume; points need the time of now, or 0"
 
     @property
     def used(self) -> bool:
