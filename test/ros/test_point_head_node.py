@@ -157,6 +157,16 @@ def test_the_first_trajectory_after_a_stop_is_carried_out_slowly(pointed):
     assert max(speeds) < 0.4  # rad/s
 
 
+def test_a_trajectory_waits_while_the_process_is_held_up(pointed):
+    held = HeldGoal(following((4.0, (1.0, 0.0), (0.0, 0.0))))
+    pointed.node.actions.follow(held)
+    usual = max(pointed.world.speeds(2.0))
+    pointed.world.hold_up(3.0)
+    speeds = pointed.world.speeds(30.0, lambda: held.status)
+    assert held.status == "succeeded"
+    assert max(speeds) < 1.2 * usual
+
+
 def test_the_cycle_goes_on_while_a_trajectory_is_checked(pointed, monkeypatch):
     control, free = pointed.node.control, []
 

@@ -120,6 +120,12 @@ class World:
             what()
         self.now = end
 
+    def hold_up(self, seconds: float) -> None:
+        """Lets time pass for the servos only, as if the process of the nodes were stopped."""
+        late = round(seconds * 1e9)
+        self.now += late
+        self._events = [(when + late, number, what) for when, number, what in self._events]
+
     def speeds(self, seconds: float, until: Callable[[], object] = lambda: None) -> list[float]:
         """Let time pass, at most until something is true; return the true speeds of pan [rad/s]."""
         speeds, end = [], self.seconds + seconds - 0.5 * self.period
