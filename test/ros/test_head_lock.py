@@ -67,6 +67,16 @@ def test_a_real_head_that_waits_too_long_is_refused(lock):
         lock().acquire(sleep, patience=0.1)
 
 
+@pytest.mark.parametrize("is_link", [True, False], ids=["a link", "no folder"])
+def test_a_lock_that_cannot_be_opened_is_refused(tmp_path, is_link):
+    if is_link:
+        name = f"head_tracking_{domain_and_namespace(())}.head.lock"
+        (tmp_path / name).symlink_to(tmp_path)
+    folder = tmp_path if is_link else tmp_path / "missing"
+    with pytest.raises(RefusedError):
+        HeadLock((), simulated=True, folder=folder).acquire(sleep)
+
+
 def test_the_lock_lasts_as_long_as_a_process_that_inherited_it(lock):
     simulated = lock(simulated=True)
     simulated.acquire(sleep)

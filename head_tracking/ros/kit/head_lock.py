@@ -170,13 +170,20 @@ def _flock(file: int, kind: int) -> bool:
 
 def _open(path: Path) -> int:
     """Open a file that all users of the machine lock."""
+    problems: dict[str | None, None] = {}
     for flags in (os.O_RDWR, os.O_RDWR | os.O_CREAT | os.O_EXCL, os.O_RDONLY):
-        with suppress(FileNotFoundError, FileExistsError, PermissionError):
+        try:
             file = os.open(path, flags | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
-            with suppress(PermissionError):
-                os.fchmod(file, 0o666)  # whatever the umask
-            return file
-    raise RefusedError(f"the lock of this head, {path}, cannot be opened; delete it")
+        except OSError as error:
+            problems[error.strerror] = None
+            continue
+        with suppress(OSError):
+            os.fchmod(file, 0o666)  # whatever the umask
+        return file
+    raise RefusedError(
+        f"the lock of this head, {path}, cannot be opened ({', '.join(map(str, problems))}); "
+        "make its folder writable, or delete the file"
+    )
 
 
 def _myself() -> str:
