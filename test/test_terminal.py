@@ -4,11 +4,13 @@ import fcntl
 import io
 import os
 import struct
+import sys
 import termios
 from types import SimpleNamespace
 
 import pytest
 
+from head_tracking.cli.terminal import Terminal
 from head_tracking.run.control import ControlProcess
 from head_tracking.run.status_line import StatusLine
 from head_tracking.run.stop_key import RESUME, STOP, StopKey, meaning
@@ -86,6 +88,17 @@ def test_on_a_terminal_the_line_is_overwritten_and_parts_that_do_not_fit_are_lef
 ):
     monkeypatch.setenv("RCUTILS_CONSOLE_OUTPUT_FORMAT", "")
     monkeypatch.delenv("RCUTILS_CONSOLE_OUTPUT_FORMAT")
+    monkeypatch.setenv("TERM", "xterm")
     text = " | ".join(PARTS[index] for index in shown)
     assert on_terminal(columns, ["first"], PARTS) == ["", "first", text, "done\r\n"]
     assert os.environ["RCUTILS_CONSOLE_OUTPUT_FORMAT"].startswith("\r\x1b[K[{severity}]")
+
+
+def test_a_terminal_that_cannot_clear_a_line_gets_new_lines(monkeypatch, capsys):
+    monkeypatch.setenv("TERM", "dumb")
+    assert on_terminal(80, ["first"], PARTS) == ["first\r\ndone\r\n"]
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True)
+    with Terminal().screen() as show:
+        show("one")
+        show("two")
+    assert capsys.readouterr().out == "one\ntwo\n"

@@ -82,8 +82,8 @@ class Terminal:
 
     @contextmanager
     def screen(self) -> Iterator[Callable[[RenderableType], None]]:
-        """Return a function that replaces the shown content; without a terminal it prints."""
-        if not self._output.is_terminal:
+        """Return a function that replaces the shown content, or prints where that is impossible."""
+        if not self._output.is_terminal or self._output.is_dumb_terminal:
             yield self.show
             return
         with Live(console=self._output, auto_refresh=False) as live:

@@ -15,11 +15,14 @@ _SEPARATOR = " | "
 
 
 class StatusLine:
-    """Overwrites its last text on a terminal; elsewhere prints a new line once a second."""
+    """Overwrites its last text on a terminal; elsewhere prints a new line once a second.
+
+    A terminal that cannot clear a line (TERM=dumb, such as a shell of Emacs) is none.
+    """
 
     def __init__(self, stream: TextIO | None = None) -> None:
         self._stream = stream or sys.stdout
-        self._is_terminal = self._stream.isatty()
+        self._is_terminal = can_clear_line(self._stream)
         self._last_time = -1.0
         self._text = ""
         self._has_ended = False
@@ -75,3 +78,8 @@ class StatusLine:
     def _write(self, text: str) -> None:
         self._stream.write(text)
         self._stream.flush()
+
+
+def can_clear_line(stream: TextIO) -> bool:
+    """Return whether a stream is a terminal that knows `CLEAR_LINE`."""
+    return stream.isatty() and os.environ.get("TERM") != "dumb"

@@ -32,7 +32,7 @@ from head_tracking.ros.kit.stop_signal import ENDING, EndRequestedError, StopSig
 from head_tracking.run.child import END, Channel
 from head_tracking.run.node_sets import CONTROL, PAGE, VISION
 from head_tracking.run.options import Run, parse_arguments
-from head_tracking.run.status_line import CLEAR_LINE, StatusLine
+from head_tracking.run.status_line import CLEAR_LINE, StatusLine, can_clear_line
 from head_tracking.run.stop_key import STOP, StopKey
 
 _RANGE: Final = "ROS_AUTOMATIC_DISCOVERY_RANGE"
@@ -352,4 +352,5 @@ def _describe_end(code: int) -> str:
 
 def _print(text: str) -> None:
     """Print a line above the status line of control."""
-    print(f"{CLEAR_LINE}{text}" if sys.stderr.isatty() else text, file=sys.stderr, flush=True)
+    clear = CLEAR_LINE if can_clear_line(sys.stderr) else ""
+    print(f"{clear}{text}", file=sys.stderr, flush=True)
