@@ -49,6 +49,8 @@ _NEARLY_SQUARE = 0.01  # rad; heads built like this have one gaze, and no other 
 
 _WAY = 0.1  # rad beyond a limit that count as much as 1 rad of way
 
+_STEP, _SMALLEST_STEP = 0.25, 1e-6  # rad
+
 _SAME = 1e-15  # rad
 _MOST_TURNS = 50  # of a loop that ends after 1 on a square head and after 4 on a nearly square one
 _SIDES = 64  # where a head of another build is tried, all round
@@ -346,12 +348,26 @@ class PanTiltHead:
         return self.pan_limits.contains(positions[0]) and self.tilt_limits.contains(positions[1])
 
     def _inside(self, point: Vector3, wanted: tuple[float, float]) -> tuple[float, float]:
-        """Return the allowed positions nearest to `wanted`: pan first, then the best tilt there."""
+        """Return the allowed positions nearest to `wanted`: pan first, then the best tilt there.
+
+        On a head of another build than usual these may be far from the best: it is searched there.
+        """
         pan, tilt = self.pan_limits.clamp(wanted[0]), wanted[1]
         if pan != wanted[0]:
             beside = self._tilt(point, pan, tilt)
             tilt = tilt if beside is None else beside
-        return pan, self.tilt_limits.clamp(tilt)
+        best, step = (pan, self.tilt_limits.clamp(tilt)), 0.0 if self._nearly_square else _STEP
+        least = self._miss(point, *best)
+        while step > _SMALLEST_STEP:
+            pan, tilt = best
+            sides = [(self.pan_limits.clamp(pan + side), tilt) for side in (step, -step)]
+            sides += [(pan, self.tilt_limits.clamp(tilt + side)) for side in (step, -step)]
+            miss, side = min((self._miss(point, *side), side) for side in sides)
+            if miss < least:
+                least, best = miss, side
+            else:
+                step *= 0.5
+        return best
 
     def _out_of_reach(self, wanted: tuple[float, float], miss: float) -> str:
         needs = [

@@ -171,11 +171,20 @@ def test_any_axis_can_be_pointed(kinectbot):
     assert np.dot(axis, seen) > 0.0
 
 
-@pytest.mark.parametrize("options", [{}, *(crooked(random.Random(seed)) for seed in range(8))])
-def test_the_answer_out_of_reach_is_the_nearest_gaze(options):
+BEHIND = ((-1.0, 0.6, 0.3), (0.0, -1.0, -1.0), (1.0, -1.0, 0.2))
+OBLIQUE = {"tilt_axis": "0 0.36 1", "limit": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("options", "targets"),
+    [
+        *((options, BEHIND) for options in ({}, *(crooked(random.Random(i)) for i in range(8)))),
+        (OBLIQUE, ((2.7, 2.7, -2.7), (2.4, -1.4, 2.5))),
+    ],
+)
+def test_the_answer_out_of_reach_is_the_nearest_gaze(options, targets):
     _, head = make_head(options)
-    grid = [-2.0 + 4.0 * i / 80 for i in range(81)]
-    targets = ((-1.0, 0.6, 0.3), (0.0, -1.0, -1.0), (1.0, -1.0, 0.2))
+    grid = [head.pan_limits.upper * (i / 40 - 1.0) for i in range(81)]
     for target, present in itertools.product(targets, (0.0, -1.9, 1.9)):
         gaze = head.gaze(target, present, 0.0)
         best = min(head.miss(target, p, t) for p in grid for t in grid)
