@@ -219,11 +219,11 @@ class PanTiltHead:
             nearest = min(inside, key=lambda positions: self._miss(point, *positions))
             wanted = inside[nearest]
         miss = self._miss(point, *nearest)
+        if miss < ON_LIMIT:
+            return Gaze(*nearest, GazeStatus.REACHED, miss)
         if on_axis:
             reason = "the target is on the pan axis: every pan looks at it alike"
             return Gaze(*nearest, GazeStatus.ON_PAN_AXIS, miss, reason)
-        if miss < ON_LIMIT:
-            return Gaze(*nearest, GazeStatus.REACHED, miss)
         return Gaze(*nearest, GazeStatus.OUT_OF_REACH, miss, self._out_of_reach(wanted, miss))
 
     def ray(self, target: Sequence[float], pan: float, tilt: float) -> Ray | None:
@@ -237,9 +237,8 @@ class PanTiltHead:
             tilt: the same for tilt [rad].
         """
         point = self._point(target)
-        if math.hypot(point[0], point[1]) < _CLOSE:
-            return None
-        direction = self._pan_to(point, backwards=False)
+        on_axis = math.hypot(point[0], point[1]) < _CLOSE
+        direction = pan if on_axis else self._pan_to(point, backwards=False)
         angle = None if direction is None else self._tilt_to(point, direction)
         if direction is None or angle is None:
             return None

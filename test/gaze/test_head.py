@@ -205,6 +205,13 @@ def test_a_target_on_the_pan_axis_keeps_the_pan(kinectbot):
     assert gaze.status is GazeStatus.ON_PAN_AXIS
     assert gaze.pan == 0.7
     assert gaze.tilt == kinectbot.joints[TILT].limits.lower
+    # one that can look straight up
+    model, head = make_head({"tilt_xyz": "0 0 0.1", "camera_xyz": "0.1 0 0"})
+    gaze = head.gaze((0.1, 0.02, 2.0), 0.7, 0.1)
+    assert gaze.reached
+    assert gaze.pan == 0.7
+    assert miss_by_matrices(model, (0.1, 0.02, 2.0), gaze.pan, gaze.tilt) < 1e-9
+    assert head.ray((0.1, 0.02, 2.0), 0.7, 0.1)[:2] == pytest.approx((gaze.pan, gaze.tilt))
 
 
 def test_a_target_at_the_camera_is_too_close(robot):
