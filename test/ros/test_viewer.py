@@ -662,10 +662,11 @@ def test_browsers_see_what_the_robot_does_and_closing_one_changes_nothing(
         )
     turned(robot, bearing(1.0, -0.5))
     assert [page.locator(f"#{name}").input_value() for name in "xyz"] == own
-    before, mode = robot.at_rest(), viewer.robot.modes.mode()
+    mode = viewer.robot.modes.mode()
     second.close()
     wait_for(lambda: len(viewer.page.browsers) == 1)
-    assert robot.at_rest() == pytest.approx(before, abs=DEGREE)
+    robot.at_rest()
+    turned(robot, bearing(1.0, -0.5))  # a busy machine may let the head stand before
     assert viewer.robot.modes.mode() is mode
     assert viewer.robot.observe().target == pytest.approx((1.0, -0.5, 0.5325))
 
