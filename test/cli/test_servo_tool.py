@@ -491,7 +491,7 @@ def test_calibrate_writes_zero_range_and_direction(bench, tmp_path):
         assert [motor[key] for key in ("init", "min", "max")] == pytest.approx(ticks, abs=error)
 
 
-def test_calibrate_keeps_the_earlier_file_if_the_disk_is_full(bench, tmp_path):
+def test_if_the_disk_is_full_the_earlier_file_stays_and_the_poses_are_printed(bench, tmp_path):
     file = tmp_path / "head.yaml"
     file.write_text("precious")
     file.with_name(f".{file.name}.{os.getpid()}.draft").symlink_to("/dev/full")
@@ -499,6 +499,8 @@ def test_calibrate_keeps_the_earlier_file_if_the_disk_is_full(bench, tmp_path):
     bench.move_by_hand(1, 520, 200, 850)
     assert bench.run("calibrate", "head_pan:1", "--output", str(file)) == FAILED
     assert [each.read_text() for each in tmp_path.iterdir()] == ["precious"]
+    (joint,) = yaml.safe_load(bench.output)["/**/servo_bus"]["ros__parameters"]["dynamixels"]
+    assert joint == "head_pan"
 
 
 @pytest.mark.parametrize(

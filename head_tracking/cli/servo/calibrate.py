@@ -37,8 +37,8 @@ def calibrate(
 ) -> None:
     """Ask for three poses of each joint, and write the configuration; without a file print it.
 
-    `named` is the name in the configuration and the id of each servo. The limits have a `margin`
-    from the lowest and highest pose [rad].
+    It is printed also if the file cannot be written. `named` is the name in the configuration and
+    the id of each servo. The limits have a `margin` from the lowest and highest pose [rad].
     """
     for values in zip(*named, strict=True):
         if len(set(values)) < len(values):
@@ -60,10 +60,13 @@ def calibrate(
         [[each] for each in calibrations], session.port_name, session.baud_rate, "servo calibrate"
     )
     if output is None:
-        terminal.show(text)
-    else:
+        return terminal.show(text)
+    try:
         write_file(output, text)
-        terminal.print(f"written: {output}")
+    except OSError:  # such as a full disk
+        terminal.show(text)
+        raise
+    terminal.print(f"written: {output}")
 
 
 def _calibrated(name: str, servo: Servo, margin: float, *poses: Ticks) -> ServoCalibration:
