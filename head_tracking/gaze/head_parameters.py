@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import copysign, inf
 
 from head_tracking.gaze.head import PanTiltHead
 from head_tracking.parameters import parameter
@@ -10,6 +11,9 @@ from head_tracking.transforms import RobotModel, RobotModelError
 
 Limits = tuple[tuple[float, float], tuple[float, float]]
 """Lower and upper limits of pan and tilt [rad]."""
+
+_WIDEST = 10.0  # rad
+_NARROWS = "Narrows the model's limit; 10 or -10: does not."
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,18 +33,12 @@ class HeadParameters:
         "The direction in the pointed frame to point; 0 0 0: z of an optical frame, else x.",
         fixed=True,
     )
-    min_pan: float = parameter(
-        -10.0, "Narrows the model's limit.", unit="rad", minimum=-10.0, maximum=10.0, fixed=True
-    )
-    max_pan: float = parameter(
-        10.0, "Narrows the model's limit.", unit="rad", minimum=-10.0, maximum=10.0, fixed=True
-    )
+    min_pan: float = parameter(-10.0, _NARROWS, unit="rad", minimum=-10.0, maximum=10.0, fixed=True)
+    max_pan: float = parameter(10.0, _NARROWS, unit="rad", minimum=-10.0, maximum=10.0, fixed=True)
     min_tilt: float = parameter(
-        -10.0, "Narrows the model's limit.", unit="rad", minimum=-10.0, maximum=10.0, fixed=True
+        -10.0, _NARROWS, unit="rad", minimum=-10.0, maximum=10.0, fixed=True
     )
-    max_tilt: float = parameter(
-        10.0, "Narrows the model's limit.", unit="rad", minimum=-10.0, maximum=10.0, fixed=True
-    )
+    max_tilt: float = parameter(10.0, _NARROWS, unit="rad", minimum=-10.0, maximum=10.0, fixed=True)
     fixed_frame: str = parameter(
         "",
         "The frame that stands still: targets are placed and their motion is estimated in it. "
@@ -77,14 +75,24 @@ class HeadParameters:
         """The frame to point, whichever of its two parameters names it."""
         return self.camera_link or self.pointing_frame
 
+    @property
+    def limits(self) -> Limits:
+        """How far pan and tilt may go [rad]; infinite where that is not narrowed."""
+        lower, upper = (
+            [copysign(inf, limit) if abs(limit) == _WIDEST else limit for limit in limits]
+            for limits in ((self.min_pan, self.min_tilt), (self.max_pan, self.max_tilt))
+        )
+        return (lower[0], upper[0]), (lower[1], upper[1])
+
     def within(self, pan: tuple[float, float], tilt: tuple[float, float]) -> HeadParameters:
         """Return the same parameters with limits narrowed to those of pan and tilt [rad]."""
+        own_pan, own_tilt = self.limits
         return replace(
             self,
-            min_pan=max(self.min_pan, pan[0]),
-            max_pan=min(self.max_pan, pan[1]),
-            min_tilt=max(self.min_tilt, tilt[0]),
-            max_tilt=min(self.max_tilt, tilt[1]),
+            min_pan=max(own_pan[0], pan[0]),
+            max_pan=min(own_pan[1], pan[1]),
+            min_tilt=max(own_tilt[0], tilt[0]),
+            max_tilt=min(own_tilt[1], tilt[1]),
         )
 
     def head(
@@ -109,8 +117,7 @@ class HeadParameters:
                 tilt,
                 frame or self.pointed,
                 axis if any(axis) else None,
-                (self.min_pan, self.max_pan),
-                (self.min_tilt, self.max_tilt),
+                *self.limits,
             )
         except RobotModelError as error:
             if {pan, tilt} <= model.joints.keys() and (frame or self.pointed in model.links):

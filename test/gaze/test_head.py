@@ -248,10 +248,15 @@ def test_a_continuous_pan_takes_the_short_way_round():
     urdf = head_urdf().replace(
         'type="revolute"><parent link="base"', 'type="continuous"><parent link="base"'
     )
-    head = PanTiltHead(parse_robot_model(urdf), PAN, TILT, "camera")
-    gaze = head.gaze((-3.0, -0.5, 0.5), 3.0, 0.0)
-    assert gaze.reached
-    assert 3.0 < gaze.pan < 3.6
+    head = (
+        HeadParameters(pointing_frame="camera")
+        .within((-math.inf, math.inf), (-2.0, 2.0))
+        .head(parse_robot_model(urdf))
+    )
+    for turns in (0, 7):  # it does not end anywhere
+        gaze = head.gaze((-3.0, -0.5, 0.5), math.tau * turns + 3.0, 0.0)
+        assert gaze.reached
+        assert 3.0 < gaze.pan - math.tau * turns < 3.6
 
 
 SPINNING = head_urdf().replace('name="mount" type="fixed"', 'name="mount" type="continuous"')
