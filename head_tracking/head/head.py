@@ -196,7 +196,7 @@ class Head:
             self._tracking,
             ClockWatch(time.time),
             period=1.0 / _RATE,
-            log=logging.getLogger(__name__),
+            log=_Log(logging.getLogger(__name__), {}),
         )
         self._process = os.getpid()
         self._failure: BaseException | None = None
@@ -765,7 +765,7 @@ class Head:
     def _permit(self, epoch: int | None = None) -> int:
         """Return the epoch of a command that is given now; refuse one of an earlier epoch."""
         if (refusing := self._refusing) is not None:
-            raise RefusedCommandError(refusing)
+            raise RefusedCommandError(refusing) from self._failure
         try:
             return self._owners.permit(epoch)
         except StoppedError:
@@ -821,6 +821,17 @@ class Head:
         """Close the head after a failure of the port, which has relaxed the servos if possible."""
         self._failure = error
         self._control.disable(Blocked.CLOSED)
+
+
+class _Log(logging.LoggerAdapter):  # type: ignore[type-arg]  # Python 3.10
+    """Logs; a handler of the program that fails costs its message, not the control thread."""
+
+    def log(self, *message: Any, **options: Any) -> None:
+        try:
+            super().log(*message, **options)
+        except Exception:
+            if threading.current_thread() is threading.main_thread():
+                raise  # it may be from a handler of a signal
 
 
 def _load_robot(

@@ -6,7 +6,8 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from logging import Logger
+from logging import Logger, LoggerAdapter
+from typing import Any
 
 from head_tracking.control.loop import Controller, ControlLoop, JointBackend
 from head_tracking.control.owners import OwnershipError
@@ -88,7 +89,7 @@ class HeadControl(Controller):
         *,
         is_simulated: Callable[[], bool] = lambda: False,
         period: float,
-        log: Logger,
+        log: Logger | LoggerAdapter[Any],
         observer: Callable[[float | None], object] = lambda _: None,
     ) -> None:
         assert loop.buffer is not None

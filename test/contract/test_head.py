@@ -624,6 +624,24 @@ def test_stop_and_close_relax_the_servos_while_a_log_handler_hangs(servos, kinec
         logger.removeHandler(handler)
 
 
+def test_a_log_handler_that_fails_costs_its_messages_only(head):
+    failed = threading.Event()
+
+    class Failing(logging.Handler):
+        def emit(self, record):
+            failed.set()
+            raise RuntimeError
+
+    handler, logger = Failing(), logging.getLogger("head_tracking")
+    logger.addHandler(handler)
+    try:
+        head.follow((0.0, 0.0, 1.0), "camera_link", stamp=1.0)
+        assert failed.wait(PATIENCE)
+        wait_for(lambda: head.look_at(LEFT).arrived)
+    finally:
+        logger.removeHandler(handler)
+
+
 def test_a_timeout_error_of_a_signal_handler_ends_look_at(head):
     """It is no timeout of look_at."""
 
