@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from head_tracking.exceptions import HeadTrackingError, RefusedError
+from head_tracking.output import check_output
 from head_tracking.share import check_writable
 from head_tracking.signals import ending_signals
 
@@ -29,7 +30,9 @@ def exit_code(tool: str, work: Callable[[], int | None]) -> int:
     """
     try:
         with ending_signals(signal.SIGINT):
-            return work() or DONE
+            code = work() or DONE
+            check_output()
+            return code
     except RefusedError as error:
         print(f"{tool}: refused: {error}", file=sys.stderr)
         return REFUSED

@@ -10,7 +10,7 @@ from typing import TextIO
 
 
 def tolerate_output_errors() -> None:
-    """Discard output that cannot be written, from now on.
+    """Discard output that cannot be written, from now on; see `check_output`.
 
     A closed pipe (`| head -1`) and a full disk raise no error. Characters that the encoding of the
     terminal lacks become question marks.
@@ -23,8 +23,17 @@ def is_output_closed() -> bool:
     return getattr(sys.stdout, "is_closed_by_reader", False)
 
 
+def check_output() -> None:
+    """Raise the OSError for which standard output is incomplete, such as a full disk."""
+    sys.stdout.flush()
+    failure = getattr(sys.stdout, "failure", None)
+    if failure is not None:
+        raise OSError(failure.errno, failure.strerror, "standard output")
+
+
 class _TolerantStream(io.TextIOWrapper):
     is_closed_by_reader = False
+    failure: OSError | None = None
 
     def write(self, text: str, /) -> int:
         self._try(super().write, text)
@@ -38,8 +47,8 @@ class _TolerantStream(io.TextIOWrapper):
             function(*arguments)
         except BrokenPipeError:
             self.is_closed_by_reader = True
-        except OSError:
-            pass
+        except OSError as error:
+            self.failure = error
 
 
 def _tolerant(stream: TextIO | None) -> TextIO:

@@ -23,7 +23,7 @@ ALLOWED: dict[str, set[str]] = {
     "exceptions": set(),
     "compatibility": set(),
     "output": set(),
-    "command_line": {"share", "signals"},
+    "command_line": {"output", "share", "signals"},
     "signals": set(),
     "parameters": set(),
     "parameter_files": {"parameters"},

@@ -1,4 +1,8 @@
+import subprocess
+import sys
+
 import pytest
+from waiting import PATIENCE
 
 from head_tracking.cli.check_model import main
 
@@ -30,3 +34,9 @@ def test_a_bad_model_is_reported_with_its_file(tmp_path, capsys, text):
     model.write_text(text)
     assert main([str(model)]) == 1
     assert "bad.urdf" in capsys.readouterr().err
+
+
+def test_output_that_cannot_be_written_is_an_error():
+    command = [sys.executable, "-m", "head_tracking", "check_model", "kinectbot"]
+    with open("/dev/full", "w") as full:
+        assert subprocess.run(command, stdout=full, timeout=PATIENCE, check=False).returncode == 1
