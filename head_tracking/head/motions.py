@@ -55,7 +55,7 @@ _SMOOTHING = 0.15  # s over which the target's velocity is averaged
 _LEAD_TIME = 0.3  # s for which that velocity is extrapolated at most
 _RESERVE = 0.8  # of the speed limit after a STOP; the rest is for catching up
 _SLOWEST = 1e-6  # rad/s
-_HELD_UP = 0.5  # s between two updates
+_LONGEST = 0.2  # s that pass between two updates
 _SAME_GOAL = 0.006  # rad; a little over one tick of an AX-12
 
 
@@ -319,7 +319,7 @@ class TrajectoryMotion(Motion):
     """A trajectory of both joints, until the measured joints are at its end.
 
     After a STOP its time passes as slowly as the speed limit requires. While this process is held
-    up it does not pass: the head would hurry to catch up.
+    up it hardly passes: the head would hurry to catch up.
     """
 
     title = "following a trajectory"
@@ -336,8 +336,8 @@ class TrajectoryMotion(Motion):
 
     def update(self, joints: JointReading, now: float) -> HeadCommand | None:
         """See `Motion`."""
-        if 0.0 < self._now < now - _HELD_UP:
-            self._late, self._now = self._late + now - self._now, now
+        if 0.0 < self._now < now - _LONGEST:
+            self._late, self._now = self._late + now - self._now - _LONGEST, now
         trajectory, law, time = self._trajectory, self._law, self._passed(now)
         fastest = max(abs(point.velocity or 0.0) for point in trajectory.at(time))
         self._late, self._now = now - time, now
