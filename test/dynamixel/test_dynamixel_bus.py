@@ -121,6 +121,8 @@ X, STS = "XL430-W250", "STS3215"
         (X, "Drive Mode", 0, {"reverse": False}, False),
         (X, "Drive Mode", 1, {"reverse": True}, False),
         (X, "Drive Mode", 1, {}, False),
+        ("MX-106", "Drive Mode", 1, {"reverse": False}, True),
+        ("MX-106", "Drive Mode", 1, {"reverse": True}, False),
         (STS, "Phase", 28, {}, True),  # lerobot PR 3348: positions run beyond 0 to 4095
         (STS, "Phase", 8, {}, True),  # coarse speeds
         (STS, "Position Offset", 85, {"offset": 0}, True),  # lerobot issues 1342, 1360
