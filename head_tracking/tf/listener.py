@@ -32,7 +32,7 @@ DEFAULT_TF_TOPIC = "/tf"
 DEFAULT_STATIC_TF_TOPIC = "/tf_static"
 
 CLOCK_JUMP = 1_000_000_000
-"""Joint states older than the latest ones by this [ns] are late, or their clock has jumped back."""
+"""A joint older than its latest position by this [ns] is late, or the clock has jumped back."""
 
 
 class TransformListener:
@@ -77,7 +77,6 @@ class TransformListener:
         self.node = node or _own_node(self)
         self._prefix = frame_prefix
         self._joints_accepted = on_joints
-        self._latest = 0
         self._log = self.node.get_logger()
         # a callback that waits for a transform must not block the callbacks that bring it
         self.group = ReentrantCallbackGroup()
@@ -159,14 +158,15 @@ class TransformListener:
                 )
             return
         stamp = stamp_to_ns(message.header.stamp)
-        if stamp < self._latest - CLOCK_JUMP:
+        # of these joints: the clock of another publisher may be ahead
+        samples = map(self._core.latest_joint_position, names)
+        latest = max((sample[0] for sample in samples if sample is not None), default=0)
+        if stamp < latest - CLOCK_JUMP:
             now = self.node.get_clock().now().nanoseconds
-            if now < self._latest:  # else the message is late
+            if now < latest:  # else the message is late
                 text = "time jumped back: the transform buffer is cleared"
                 self._log.warning(text, throttle_duration_sec=1.0)
                 self._core.clear()
-                self._latest = stamp
-        self._latest = max(stamp, self._latest)
         # ros2_control publishes NaN for joints whose position is not measured, such as wheels
         pairs = zip(names, positions, strict=True)
         measured = {name: position for name, position in pairs if not math.isnan(position)}

@@ -43,9 +43,9 @@ class Head:
         self._joints = node.create_publisher(JointState, "joint_states", 10)
         self._descriptions.publish(String(data=urdf))
 
-    def move(self, pan: float, seconds: int) -> None:
+    def move(self, pan: float, seconds: int, joints=JOINTS) -> None:
         wait_for(lambda: self._joints.get_subscription_count() > 0)
-        message = JointState(name=list(JOINTS), position=[pan, 0.0])
+        message = JointState(name=list(joints), position=[pan, 0.0])
         message.header.stamp.sec = seconds
         self._joints.publish(message)
 
@@ -130,6 +130,7 @@ def test_a_system_clock_that_was_set_back_is_followed(make_node, head):
     found = buffer.lookup_transform("base_link", "camera_link", Time(seconds=now - 5), PATIENCE)
     assert turned(found)
     head.move(0.2, now - 90)  # late, and no jump
+    head.move(0.1, now + 5, ("shoulder", "elbow"))  # of a machine whose clock is ahead
     head.move(0.6, now - 4)
     assert buffer.can_transform("base_link", "camera_link", Time(seconds=now - 4), PATIENCE)
     assert buffer.can_transform("base_link", "camera_link", Time(seconds=now - 5))
