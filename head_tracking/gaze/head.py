@@ -43,7 +43,7 @@ _FAR = 1e9  # m: beyond this only the direction matters, and squares would overf
 
 _ALONG = 1e-3  # rad; a camera this near to the tilt axis looks along it
 
-_UNLIMITED = (-math.inf, math.inf)
+UNLIMITED = (-math.inf, math.inf)
 
 _NEARLY_SQUARE = 0.01  # rad; heads built like this have one gaze, and no other comes near it
 
@@ -139,8 +139,8 @@ class PanTiltHead:
         tilt_joint: str,
         pointing_frame: str,
         pointing_axis: Sequence[float] | None = None,
-        pan_limits: tuple[float, float] = _UNLIMITED,
-        tilt_limits: tuple[float, float] = _UNLIMITED,
+        pan_limits: tuple[float, float] = UNLIMITED,
+        tilt_limits: tuple[float, float] = UNLIMITED,
     ) -> None:
         pan, tilt = model.joint(pan_joint), model.joint(tilt_joint)
         if pan is tilt:
@@ -149,11 +149,8 @@ class PanTiltHead:
         self.tilt_joint = tilt_joint
         self.pointing_frame = pointing_frame
         self.base_frame = pan.parent
-        try:
-            self.pan_limits = pan.limits.narrowed(*pan_limits)
-            self.tilt_limits = tilt.limits.narrowed(*tilt_limits)
-        except RobotModelError as error:
-            raise RobotModelError(f"{pan_joint}, {tilt_joint}: {error}") from error
+        self.pan_limits = pan.limits.narrowed(*pan_limits, pan_joint)
+        self.tilt_limits = tilt.limits.narrowed(*tilt_limits, tilt_joint)
         below_pan, below_tilt = _fixed_joints(model, pan, tilt, pointing_frame)
         self.pointing_axis = _pointing_axis(pointing_frame, pointing_axis)
         T_pan_tilt = _product(below_pan) @ tilt.origin

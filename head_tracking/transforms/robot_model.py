@@ -43,8 +43,8 @@ class JointLimits:
         """Return whether a position is within the limits, with a tolerance."""
         return self.lower - tolerance <= position <= self.upper + tolerance
 
-    def narrowed(self, lower: float, upper: float) -> JointLimits:
-        """Return the intersection with the limits `lower` and `upper`.
+    def narrowed(self, lower: float, upper: float, joint: str) -> JointLimits:
+        """Return the intersection with the limits `lower` and `upper` of a joint.
 
         Raises:
             RobotModelError: it is empty.
@@ -52,8 +52,8 @@ class JointLimits:
         narrowed = JointLimits(max(self.lower, lower), min(self.upper, upper), self.velocity)
         if not narrowed.lower < narrowed.upper:
             raise RobotModelError(
-                f"the limits {self.lower:.4g} to {self.upper:.4g} and {lower:.4g} to {upper:.4g} "
-                "have nothing in common; widen one of them"
+                f"{joint!r} cannot turn within both {self.lower:.4g} to {self.upper:.4g} (model) "
+                f"and {lower:.4g} to {upper:.4g} (servo and parameters); widen one of them"
             )
         return narrowed
 

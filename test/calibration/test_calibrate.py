@@ -151,7 +151,7 @@ class LateHead:
         self.frames, self._late = TransformBuffer(), late
         self.model = load_robot_model(robot_file("kinectbot"))
         joints = [
-            replace(joint, limits=joint.limits.narrowed(-limits[name], limits[name]))
+            replace(joint, limits=joint.limits.narrowed(-limits[name], limits[name], name))
             if name in limits
             else joint
             for name, joint in self.model.joints.items()

@@ -135,6 +135,7 @@ def _of_first(name: str, value: float) -> Callable[[Head], None]:
 
 
 CONFIGURED = "servo_bus: {ros__parameters: "
+APART = "head_tracker: {ros__parameters: {min_pan: 1.0}}\n"
 WIDE = "{head_tilt_controller: {motor: {min: 0, max: 1023}}}}"
 RED: list[tuple[str, Callable[[Head], None]]] = [
     ("configuration", lambda h: h.params(CONFIGURED + "{head_pan_controller.motor.id: x}}")),
@@ -148,6 +149,7 @@ RED: list[tuple[str, Callable[[Head], None]]] = [
     ("model", lambda h: h.params("head_tracker: {ros__parameters: {camera_link: nose}}")),
     ("model", lambda h: h.params("head_tracker: {ros__parameters: {law: predictve}}")),
     ("model", lambda h: h.params("point_head: {ros__parameters: {max_joint_sped: 1.0}}")),
+    ("model", lambda h: h.params(APART + CONFIGURED + "{head_pan_controller.motor.max: 600}}")),
     ("port", _opening(PortMissingError("/dev/ttyUSB0", ()))),
     ("port", _opening(PortPermissionError("/dev/ttyUSB0", "dialout"))),
     ("port", lambda head: head.arguments.extend(["--baud", "12345"])),

@@ -10,6 +10,7 @@ from head_tracking.calibration import Calibration, CalibrationFileError, summary
 from head_tracking.cli.doctor.findings import Finding, Grade
 from head_tracking.configuration import ConfiguredBus, configured_buses, head_parameters
 from head_tracking.exceptions import HeadTrackingError
+from head_tracking.gaze.head import UNLIMITED
 from head_tracking.share import robot_file
 from head_tracking.transforms import load_robot_model
 
@@ -40,7 +41,9 @@ def check_model(robot: str, files: Sequence[Path], buses: Sequence[ConfiguredBus
         head_parameters("point_head", files)
         parameters = head_parameters("head_tracker", files)
         model = load_robot_model(robot_file(robot))
-        parameters.head(model)
+        servos = {each.joint_name: (each.lower, each.upper) for bus in buses for each in bus.joints}
+        pan, tilt = parameters.head_pan_joint, parameters.head_tilt_joint
+        parameters.within(servos.get(pan, UNLIMITED), servos.get(tilt, UNLIMITED)).head(model)
     except HeadTrackingError as error:
         return Finding("model", Grade.RED, str(error))
     problems, level = [], Grade.GREEN
