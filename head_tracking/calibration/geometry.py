@@ -127,7 +127,8 @@ class HeadGeometry:
     def __init__(
         self, model: RobotModel, pan_joint: str, tilt_joint: str, optical_frame: str
     ) -> None:
-        self.base = PanTiltHead(model, pan_joint, tilt_joint, optical_frame).base_frame
+        ahead = (0.0, 0.0, 1.0)
+        self.base = PanTiltHead(model, pan_joint, tilt_joint, optical_frame, ahead).base_frame
         self.model, self.optical_frame = model, optical_frame
         self.pan, self.tilt = pan, tilt = model.joint(pan_joint), model.joint(tilt_joint)
         self._camera = _camera_joint(model, optical_frame, tilt.child)

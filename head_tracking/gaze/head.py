@@ -208,7 +208,9 @@ class PanTiltHead:
                 nearest = wanted = solution
                 break
         else:
-            inside = {self._inside(point, solution): solution for solution in solutions}
+            inside = {
+                self._inside(point, solution, (pan, tilt)): solution for solution in solutions
+            }
             if not inside:
                 reason = "the target is too close: no turn of the head brings it before the camera"
                 miss = self._miss(point, pan, tilt)
@@ -343,10 +345,13 @@ class PanTiltHead:
     def _allowed(self, positions: tuple[float, float]) -> bool:
         return self.pan_limits.contains(positions[0]) and self.tilt_limits.contains(positions[1])
 
-    def _inside(self, point: Vector3, wanted: tuple[float, float]) -> tuple[float, float]:
+    def _inside(
+        self, point: Vector3, wanted: tuple[float, float], present: tuple[float, float]
+    ) -> tuple[float, float]:
         """Return the allowed positions nearest to `wanted`: pan first, then the best tilt there.
 
-        On a head of another build than usual these may be far from the best: it is searched there.
+        On a head of another build than usual these may be far from the best: it is searched there,
+        and may be full turns away from `present`.
         """
         pan, tilt = self.pan_limits.clamp(wanted[0]), wanted[1]
         if pan != wanted[0]:
@@ -363,7 +368,10 @@ class PanTiltHead:
                 least, best = miss, side
             else:
                 step *= 0.5
-        return best
+        if self._nearly_square:
+            return best
+        pan, tilt = map(turn_near, best, present, (self.pan_limits, self.tilt_limits))
+        return self.pan_limits.clamp(pan), self.tilt_limits.clamp(tilt)
 
     def _out_of_reach(self, wanted: tuple[float, float], miss: float) -> str:
         needs = [

@@ -244,10 +244,25 @@ def test_limits_can_be_narrowed(kinectbot):
     assert len(str(nothing_left.value)) < 150
 
 
-def test_a_continuous_pan_takes_the_short_way_round():
-    urdf = head_urdf().replace(
+def continuous_pan(options):
+    return head_urdf(**options).replace(
         'type="revolute"><parent link="base"', 'type="continuous"><parent link="base"'
     )
+
+
+def test_a_continuous_pan_does_not_turn_round_to_a_target_out_of_reach():
+    skew = crooked(random.Random(59)) | {"tilt_rpy": "0.64 -0.16 0.55", "limit": 0.5}
+    head = PanTiltHead(parse_robot_model(continuous_pan(skew)), PAN, TILT, "camera")
+    rnd = random.Random(1)
+    for _ in range(30):
+        target = [rnd.uniform(-3.0, 3.0) for _ in range(3)]
+        first = head.gaze(target, 0.0, 0.0)
+        second = head.gaze(target, first.pan, first.tilt)
+        assert second.pan == pytest.approx(first.pan, abs=1e-3)
+
+
+def test_a_continuous_pan_takes_the_short_way_round():
+    urdf = continuous_pan({})
     head = (
         HeadParameters(pointing_frame="camera")
         .within((-math.inf, math.inf), (-2.0, 2.0))
