@@ -129,9 +129,8 @@ class ControlLoop:
         """Accept joints measured at `stamp` [ns]; return them with the states that follow."""
         states = self._complete(measured)
         if states and self.buffer is not None:
-            self.buffer.set_joint_positions(
-                stamp, {name: state.position for name, state in states.items()}
-            )
+            positions = {name: state.position for name, state in states.items()}
+            self.buffer.set_joint_positions(stamp, positions, measured=measured.keys())
         return states
 
     def update(self, joints: Iterable[str]) -> None:

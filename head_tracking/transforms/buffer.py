@@ -90,6 +90,7 @@ class TransformBuffer:
         self._edges: dict[str, Edge] = {}
         self._names: set[str] = set()
         self._joints: dict[str, JointHistory] = {}
+        self._measured: set[str] = set()
         self._model: RobotModel | None = None
         self._authorities: dict[str, str] = {}
         # by target and source; only those that samples cannot change
@@ -124,12 +125,16 @@ class TransformBuffer:
             self._routes_through.clear()
         self._serve(*self._requests)
 
-    def set_joint_positions(self, stamp: int, positions: Mapping[str, float]) -> None:
-        """Record measured joint positions [rad or m], also of joints that no model has yet.
+    def set_joint_positions(
+        self, stamp: int, positions: Mapping[str, float], *, measured: Collection[str] = ()
+    ) -> None:
+        """Record joint positions [rad or m], also of joints that no model has yet.
 
         Args:
             stamp: when they were measured [ns].
             positions: by joint name.
+            measured: the joints among them that this program itself has measured: what others
+                report of these joints is ignored from now on.
 
         Raises:
             InvalidArgumentException: a position is not finite or too large; the others are kept.
@@ -137,7 +142,10 @@ class TransformBuffer:
         stamp, joints = _nanoseconds(stamp), self._joints
         refused: str | None = None
         with self._lock:
+            self._measured.update(measured)
             for name, position in positions.items():
+                if name in self._measured and name not in measured:
+                    continue
                 if not -LARGEST_POSITION <= position <= LARGEST_POSITION:
                     refused = name
                     continue

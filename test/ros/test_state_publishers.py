@@ -250,13 +250,16 @@ def test_a_rule_for_a_joint_that_is_not_there_is_reported(complete, bad, capfd):
     assert "robot_description" in capfd.readouterr().err
 
 
-def test_in_the_loop_the_model_is_that_of_the_buffer(world):
+def test_in_the_loop_the_model_is_that_of_the_buffer_and_others_measure_other_joints(world):
     buffer = TransformBuffer()
     buffer.set_model(parse_robot_model(FOLLOWING))
     loop = ControlLoop(buffer)
     world.make(JointStatePublisherNode, {}, loop=loop)
     read = loop.joints_read(1, {"shoulder": Sample(0.5)})
     assert {name: joint.position for name, joint in read.items()} == {"shoulder": 0.5, "elbow": 1.2}
+    buffer.set_joint_positions(2, {"shoulder": 1.5, "wheel": 1.0})  # from joint_states
+    assert buffer.latest_joint_position("shoulder") == (1, 0.5)
+    assert buffer.latest_joint_position("wheel") == (2, 1.0)
     buffer.set_model(parse_robot_model(FOLLOWING.replace('"upper"', '"arm"')))
     assert loop.joints_read(2, {"shoulder": Sample(0.6)})["elbow"].position == 1.4
     assert buffer.lookup_transform("base", "arm").stamp == 2
