@@ -33,7 +33,8 @@ _LONGEST_READ: Final = 64  # bytes
 _NEAR: Final = 0.1  # rad; closer to its goal a servo may be slow
 _FAR: Final = 0.3  # rad
 _ARRIVED: Final = 5.0  # ticks
-_CAUSES: Final = ("Goal Position", "Torque Limit", "Max Torque", "Bus Watchdog")
+_STRENGTHS: Final = ("Max Torque", "Torque Limit", "PWM Limit", "Goal PWM")
+_CAUSES: Final = ("Goal Position", "Bus Watchdog", *_STRENGTHS)
 """Registers with causes, besides modes and position limits."""
 _TORQUE_LOST: Final = (
     "its torque is off, but this program has not switched it off: its supply, or another "
@@ -256,8 +257,8 @@ def _slow(watch: _Watch) -> Found:
         return None
     return Symptom.SLOW, (
         f"it turns at {abs(servo.velocity):.1f} rad/s, far below the goal speed, at "
-        f"{servo.voltage:.1f} V and {abs(servo.load):.0%} of its torque: friction, load, or a weak "
-        "supply"
+        f"{servo.voltage:.1f} V and {abs(servo.load):.0%} of its torque: friction, load, a weak "
+        "supply, or a low limit of speed or acceleration in its memory"
     )
 
 
@@ -282,7 +283,10 @@ def _stuck(watch: _Watch) -> Found:
         if watch.owed < patience:
             return None
         if load < _DRIVES:
-            return Symptom.IDLE, f"{watch.off} and has no load, with torque on: motor or gear"
+            return (
+                Symptom.IDLE,
+                f"{watch.off} and has no load, with torque on: motor, gear, low gain",
+            )
         return Symptom.BLOCKED, (
             f"{watch.off} and has a load of {load:.0%}: an obstacle, an end stop (has a horn "
             "slipped?), or a frozen encoder"
@@ -554,10 +558,10 @@ def _cause(watch: _Watch, values: Mapping[str, int]) -> Found:
             "it is not in position mode any more: another program has changed its settings; the "
             "joint is relaxed"
         )
-    limit, most = values.get("Torque Limit", 1), values.get("Max Torque", 1)
-    if {"Max Torque", "Torque Limit"} <= values.keys() and limit < 0.3 * most:
-        share = limit / servo.model.load_maximum
-        return Symptom.WEAK, f"{watch.off}: its Torque Limit is at {share:.0%} only"
+    for name in filter(values.__contains__, _STRENGTHS):
+        share = abs(values[name]) / (servo.model.control_table[name].maximum or 1)
+        if share < 0.3:
+            return Symptom.WEAK, f"{watch.off}: its {name} is at {share:.0%} only"
     if servo.has_watchdog and values.get("Bus Watchdog", 0) in (-1, 255):
         return Symptom.TRIPPED, (
             f"{watch.off}: its Bus Watchdog has tripped, because it received nothing for some "

@@ -175,6 +175,10 @@ NAMED = {
     ),
     "blocked shaft": (lambda head: head[1].drive.impede(1.5), (Symptom.BLOCKED,), AX, XM, STS, SCS),
     "torque limit taken away": (registers(Torque_Limit=20), (Symptom.WEAK,), AX, STS),
+    "no torque from the factory on": (
+        registers(Max_Torque=0, Torque_Limit=0), (Symptom.WEAK,), AX, STS,
+    ),
+    "torque limit taken away, X": (registers(Goal_PWM=20), (Symptom.WEAK,), XM),
     "too hot at once": (
         lambda head: setattr(head[1], "temperature", 85.0), OVERHEATING, AX, STS,
     ),
