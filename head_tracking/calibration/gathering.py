@@ -10,7 +10,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from head_tracking.calibration.geometry import PARAMETERS, Array, HeadGeometry
+from head_tracking.calibration.geometry import AHEAD, PARAMETERS, Array, HeadGeometry
 from head_tracking.calibration.result import Calibration
 from head_tracking.calibration.solver import CalibrationError, Reason, View, solve
 from head_tracking.calibration.targets import TARGETS, Observe, observer, what_to_show
@@ -41,7 +41,6 @@ _DISTANCE: Final = 2.0  # m: distance of the points to look at
 _MARGIN: Final = 0.01  # rad: minimum distance from a limit
 _STEPS: Final = 5  # in each direction
 _CROSSED: Final = math.radians(3.0)  # motion after which the play is certainly crossed
-_AHEAD: Final = (0.0, 0.0, 1.0)
 _NO_ERRORS: Final = np.zeros(len(PARAMETERS))
 _STOOD: Final = math.radians(0.3)  # smaller motion does not change the position in the play
 
@@ -192,7 +191,7 @@ class _Gathering:
         """
         geometry, camera = self._geometry, self._camera
         head = PanTiltHead(
-            geometry.model, geometry.pan.name, geometry.tilt.name, geometry.optical_frame, _AHEAD
+            geometry.model, geometry.pan.name, geometry.tilt.name, geometry.optical_frame, AHEAD
         )
         u, v = seen.corners.mean(axis=0).tolist()
         x, y = camera.ray((u, v))

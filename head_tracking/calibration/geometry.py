@@ -38,6 +38,9 @@ class Parameter(NamedTuple):
         return scale * value, unit
 
 
+AHEAD: Final = (0.0, 0.0, 1.0)
+"""The axis of an optical frame along which its camera looks."""
+
 PARAMETERS: Final = (
     Parameter("camera pitch", "rad", 5 * _DEGREE),
     Parameter("camera yaw", "rad", 5 * _DEGREE),
@@ -127,8 +130,7 @@ class HeadGeometry:
     def __init__(
         self, model: RobotModel, pan_joint: str, tilt_joint: str, optical_frame: str
     ) -> None:
-        ahead = (0.0, 0.0, 1.0)
-        self.base = PanTiltHead(model, pan_joint, tilt_joint, optical_frame, ahead).base_frame
+        self.base = PanTiltHead(model, pan_joint, tilt_joint, optical_frame, AHEAD).base_frame
         self.model, self.optical_frame = model, optical_frame
         self.pan, self.tilt = pan, tilt = model.joint(pan_joint), model.joint(tilt_joint)
         self._camera = _camera_joint(model, optical_frame, tilt.child)
