@@ -7,7 +7,8 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +46,7 @@ class NoPictureError(HeadTrackingError):
         self.camera = camera
 
 
-def pictures(camera: int | str) -> Iterator[tuple[float, Pixels]]:
+def pictures(camera: int | str) -> Generator[tuple[float, Pixels]]:
     """Yield the images of a camera with their times of arrival [s, as time.time()].
 
     Those of a file come at its own rate, and then end.
@@ -83,7 +84,7 @@ def pictures(camera: int | str) -> Iterator[tuple[float, Pixels]]:
 
 def checked_pictures(
     camera: int | str | Iterable[tuple[float, Pixels]],
-) -> Iterator[tuple[float, Pixels]]:
+) -> Generator[tuple[float, Pixels]]:
     """Return the images of a camera, or those that a program yields; check these.
 
     Raises:
@@ -104,7 +105,7 @@ def checked_pictures(
         ) from None
 
 
-def _checked(source: Iterator[tuple[float, Pixels]]) -> Iterator[tuple[float, Pixels]]:
+def _checked(source: Iterator[tuple[float, Pixels]]) -> Generator[tuple[float, Pixels]]:
     for item in source:
         try:
             stamp, picture = item
@@ -147,7 +148,7 @@ class CameraFollower:
     def __init__(
         self,
         detector: Detector,
-        source: Iterable[tuple[float, Pixels]],
+        source: Generator[tuple[float, Pixels]],
         check: Callable[[], object],
         follow: Callable[[Vector3, float], object],
         pose: Callable[[float], Transform],
@@ -191,11 +192,12 @@ class CameraFollower:
 
     def _run(self) -> None:
         try:
-            for stamp, picture in self._source:
-                if self._ending:
-                    return
-                self._check()
-                self._process(stamp, picture)
+            with closing(self._source):  # the next one may use the same camera
+                for stamp, picture in self._source:
+                    if self._ending:
+                        return
+                    self._check()
+                    self._process(stamp, picture)
         except Exception as failure:  # a source or a detector may raise anything
             error = self.error = self._reason(failure)
             if not isinstance(error, RefusedCommandError | SupersededError):

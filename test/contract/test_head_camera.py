@@ -99,10 +99,18 @@ def test_another_detector_gets_the_images_of_the_same_camera(head):
     ],
 )
 def test_the_next_command_ends_following_also_if_nothing_was_seen(head, command, error):
-    """Else its device would stay in use."""
-    camera = head.follow_camera("face", grey_images())
+    released = []
+
+    def images():
+        try:
+            yield from grey_images()
+        finally:
+            released.append(True)
+
+    camera = head.follow_camera("face", images())
     command(head)
     assert camera.wait(PATIENCE)
+    assert released  # the next one may use the same device
     assert isinstance(camera.error, error)
 
 
