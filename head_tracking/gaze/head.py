@@ -212,7 +212,7 @@ class PanTiltHead:
                 self._inside(point, solution, (pan, tilt)): solution for solution in solutions
             }
             if not inside:
-                reason = "the target is too close: no turn of the head brings it before the camera"
+                reason = "no turn of the head brings the target before the camera: too close?"
                 miss = self._miss(point, pan, tilt)
                 return Gaze(pan, tilt, GazeStatus.TOO_CLOSE, miss, reason)
             nearest = min(inside, key=lambda positions: self._miss(point, *positions))

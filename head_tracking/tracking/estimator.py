@@ -46,7 +46,7 @@ class Verdict(StrEnum):
     JUMP = "the target seems to have jumped; the next points will tell"
     DOUBLED = "the point has come before"
     TOO_OLD = "the point is too old"
-    TOO_CLOSE = "the point is too close: no turn of the head brings it before the camera"
+    TOO_CLOSE = "no turn of the head brings the point before the camera: too close?"
     IGNORED = "tracking is switched off"
     FUTURE = "the point lies in the future; the clocks of its sender and of this machine differ"
     NOT_FINITE = "the point is not finite"
