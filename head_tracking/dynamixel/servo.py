@@ -294,10 +294,10 @@ class Servo:
             number = self.get("Model Number", MOST_TRIES)
         except ReplyTimeoutError as cause:
             level = model.control_table["Status Return Level"].address
-            command = self.set_command("Status Return Level", 2)
+            words = f"--model '{model.name}' set {self.id} 'Status Return Level' 2"
             raise ServoError(
                 f"{who} answers pings but no reads: its Status Return Level (register {level}) is "
-                f"probably 0; set it to 2, for example with `{command}`"
+                f"probably 0; set it to 2, for example with `{self._port.servo_command(words)}`"
             ) from cause
         if number != model.model_number:
             raise ServoError(

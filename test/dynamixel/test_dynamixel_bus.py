@@ -90,7 +90,7 @@ def test_many_servos_of_another_model_are_refused_soon():
     [
         ({"Model Number": 29}, set(), ServoError, r"servo 1 .*29.*AX-12 \(12\)"),
         ({"Model Number": 4711}, set(), ServoError, "4711.*correct the configuration"),
-        ({"Status Return Level": 0}, set(), ServoError, "register 16.*set it to 2"),
+        ({"Status Return Level": 0}, set(), ServoError, "--model 'AX-12' set 1 '"),
         ({}, {24}, ServoError, "Torque Enable"),
     ],
 )
