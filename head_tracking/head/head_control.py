@@ -41,6 +41,7 @@ _LOG_PERIOD = 1.0  # s
 _CAUTIOUS_TIME = 2.0  # s with a target after a STOP, until the speed limit rises
 _FAST = 3.0  # rad/s; a speed limit above this ends the caution
 _MOST_EARLY = 0.2  # s; a larger error of a stamp cannot be estimated
+_MOST_LATE = 60.0  # s; an older stamp is of another clock
 _FASTEST = 12.0  # rad/s of a motion; usually the model's limit is lower
 _START_TIME = 0.3  # s that a joint may take to start after its command
 
@@ -428,7 +429,7 @@ class HeadControl(Controller):
         and delivered late, is refused as well.
         """
         with self.lock:
-            is_late = 0.0 < target.stamp * 1e-9 < self._resumed
+            is_late = 0.0 < self._resumed - target.stamp * 1e-9 < _MOST_LATE
             target = self.frames.corrected(target)
             is_early = target.stamp * 1e-9 > self.now + _MOST_EARLY
             if is_early and self.frames.moves_with_head(target.frame_id):

@@ -157,6 +157,20 @@ def test_the_first_trajectory_after_a_stop_is_carried_out_slowly(pointed):
     assert max(speeds) < 0.4  # rad/s
 
 
+@pytest.mark.parametrize(("sent_before", "turns"), [(5, False), (900, True)])
+def test_a_target_from_before_a_stop_is_refused_unless_its_clock_differs(
+    pointed, sent_before, turns
+):
+    world = pointed.world
+    world.stop_and_resume(0.5)
+    world.run(0.1)
+    message = PointStamped(point=Point(x=1.0, y=1.0, z=0.1))
+    message.header.frame_id = pointed.head.base_frame
+    message.header.stamp.sec = world.stamp // 10**9 - sent_before
+    world.publish("/target_point", message)
+    assert (max(world.speeds(2.0)) > 0.1) == turns
+
+
 def test_a_trajectory_waits_while_the_process_is_held_up(pointed):
     held = HeldGoal(following((4.0, (1.0, 0.0), (0.0, 0.0))))
     pointed.node.actions.follow(held)
