@@ -294,8 +294,8 @@ class HeadControl(Controller):
         if motion is not targets:
             self.frames.forget()
         command, base = motion.update(joints, now), self.frames.base
-        if base is not None and (old := base.too_old(now)):
-            self.warn("base", old)
+        if base is not None and (text := base.out_of_time(now)):
+            self.warn("base", text)
         for joint, servo in self.law.servos.items():
             if servo.is_contradicted:
                 servo.is_contradicted = False

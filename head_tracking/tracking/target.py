@@ -29,7 +29,7 @@ _WINDOW = 60_000_000  # ns; the motion of the base is measured over two of these
 _FARTHEST = 1e12  # m: squares of much larger numbers overflow
 _STEP = 0.04  # s between two stored rotations of the base
 _AHEAD = 0.3  # s; longest extrapolation of the base's pose
-_OLD = 1.0  # s; an older pose of the base is reported
+_OLD = 1.0  # s; a pose of the base that is so far from now is reported
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,13 +211,18 @@ class HeadBase:
             return str(error)
         return ""
 
-    def too_old(self, now: float) -> str:
-        """Return that the pose is old, if it is: it is not extrapolated any more."""
-        if self._stamp and now - self._stamp >= _OLD:
+    def out_of_time(self, now: float) -> str:
+        """Return that the pose is not of now, if so: it is extrapolated by a short time only."""
+        if self._stamp and abs(now - self._stamp) >= _OLD:
             self.update()  # perhaps it was not needed: there was no target
         age, (fixed, base) = now - self._stamp, self._frames
-        if not self._stamp or age < _OLD:
+        if not self._stamp or abs(age) < _OLD:
             return ""
+        if age < 0.0:
+            return (
+                f"the transform from {base} to {fixed} lies {-age:.1f} s in the future: the clocks "
+                "of its sender and of this machine differ"
+            )
         return f"no transform from {base} to {fixed} for {age:.1f} s: the last one is used"
 
     def at(self, time: float) -> Transform:
@@ -255,7 +260,7 @@ class HeadBase:
         if self._motion is None:
             return self._latest
         last, before = self._motion
-        windows = min(time - self._stamp, _AHEAD) / (_WINDOW * 1e-9)
+        windows = max(-_AHEAD, min(time - self._stamp, _AHEAD)) / (_WINDOW * 1e-9)
         bend = 0.5 * windows * (windows + 1.0)
         x, y, z, a, b, c = (
             windows * new + bend * (new - old) for new, old in zip(last, before, strict=True)

@@ -402,9 +402,9 @@ def test_sources_that_are_slower_than_their_timeout_and_alternate_are_all_publis
     assert [message.point.x for _, message in published] == pytest.approx(range(1, 13))
 
 
-def test_a_turning_base_is_compensated_until_its_odometry_ends(track, capfd):
+def test_a_turning_base_is_compensated_until_its_odometry_ends_or_is_of_another_clock(track, capfd):
     tracked = track(fixed_frame="odom", recenter_timeout=1.0)
-    yaw, lost, ends = 0.0, math.inf, math.inf
+    yaw, lost, ends, ahead = 0.0, math.inf, math.inf, 0
     frames, world = tracked.world.buffer.core, tracked.world
 
     def drive():
@@ -412,7 +412,7 @@ def test_a_turning_base_is_compensated_until_its_odometry_ends(track, capfd):
         yaw = min(yaw + 0.01, 0.8)
         pose = Transform((0.5, 0.0, 0.0), Rotation.from_rpy(0.0, 0.0, yaw))
         if world.stamp < ends:
-            frames.set_transform(world.stamp, "odom", "base_link", pose)
+            frames.set_transform(world.stamp + ahead, "odom", "base_link", pose)
         if world.stamp < lost:
             tracked.node.control.accept(Target(world.stamp, "odom", (3.0, 0.0, 0.8)))
 
@@ -431,6 +431,10 @@ def test_a_turning_base_is_compensated_until_its_odometry_ends(track, capfd):
     ends = world.stamp
     world.run(1.5)
     assert "to odom for 1.0 s: the last one is used" in capfd.readouterr().err
+    yaw, lost, ends, ahead = -0.8, math.inf, math.inf, 5 * SECOND
+    world.run(2.0)
+    assert world.true_position("head_pan_joint") == pytest.approx(-yaw, abs=0.3)
+    assert tracked.node.control.frames.base.out_of_time(world.stamp / SECOND)
 
 
 @pytest.mark.parametrize(
