@@ -140,12 +140,10 @@ def checked_waypoints(
         TrajectoryError: they cannot be followed.
     """
     known = ", ".join(limits)
-    unknown = [joint for joint in joints if joint not in limits]
-    if unknown or not joints:
+    if not joints or not limits.keys() >= set(joints):
         raise TrajectoryError(
             TrajectoryCode.INVALID_JOINTS,
-            f"{', '.join(map(repr, unknown)) or 'no joint'} is none of this head's joints; "
-            f"name {known}, or one of them",
+            f"joint_names is {list(joints)}; name {known}, or one of them",
         )
     if len(set(joints)) < len(joints):
         raise TrajectoryError(
