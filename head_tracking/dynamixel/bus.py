@@ -25,7 +25,7 @@ from head_tracking.dynamixel.exceptions import (
     ServoNotFoundError,
     TorqueError,
 )
-from head_tracking.dynamixel.joint import BusJoint
+from head_tracking.dynamixel.joint import BusJoint, bus_joints
 from head_tracking.dynamixel.port import DynamixelPort
 from head_tracking.dynamixel.procedures import Procedures
 from head_tracking.dynamixel.requests import Epoch, RequestQueue, Steps
@@ -88,10 +88,7 @@ class ServoBus:
         epoch: Epoch | None = None,
     ) -> None:
         settings, version = settings or BusSettings(), Version()
-        self._joints = {
-            joint.joint_name: BusJoint(joint, port, settings.watchdog, version)
-            for joint in check_configuration(joints)
-        }
+        self._joints = bus_joints(check_configuration(joints), port, settings.watchdog, version)
         self._all = tuple(self._joints.values())
         self.requests = RequestQueue(epoch or Epoch(), monotonic)
         self._procedures = Procedures(
@@ -99,12 +96,6 @@ class ServoBus:
         )
         self.port, self._pause, self._each_servo = port, pause, self._procedures.each_servo
         self.cycle = Cycle(self._procedures)
-        goals = {
-            servo: (joint.name, servo.calibration.init, servo.calibration.scale)
-            for joint, servo in self._each_servo()
-        }
-        for servo, own in goals.items():
-            servo.others = {other.id for other, goal in goals.items() if goal != own}
         self._connected = False
         self._refused = self._clamped = 0
 

@@ -6,7 +6,7 @@ are independent of each other; `torque` is the most important one of them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from head_tracking.dynamixel.configuration import JointConfiguration
@@ -256,3 +256,21 @@ class BusJoint:
                 f"rad, one at most {upper:.3f} rad; correct min and max, or the servos' own angle "
                 "limits"
             )
+
+
+def bus_joints(
+    configurations: Iterable[JointConfiguration],
+    port: DynamixelPort,
+    watchdog: float = 0.0,
+    version: Version | None = None,
+) -> dict[str, BusJoint]:
+    """Return the joints of a bus by name, with servos that know which others have other goals."""
+    found = {each.joint_name: BusJoint(each, port, watchdog, version) for each in configurations}
+    goals = {
+        servo: (joint.name, servo.calibration.init, servo.calibration.scale)
+        for joint in found.values()
+        for servo in joint.servos
+    }
+    for servo, own in goals.items():
+        servo.others = {other.id for other, goal in goals.items() if goal != own}
+    return found

@@ -115,6 +115,20 @@ def _spoilt(head: Head) -> None:
     head.servos(SimulatedServo(1, XM, firmware=255), SimulatedServo(2, XM))
 
 
+def _shadowing(head: Head) -> None:
+    head.params(head_of("XM430-W350"))
+    head.servos(SimulatedServo(1, XM), SimulatedServo(2, XM))
+    head[1].set_register("Secondary ID", 2)
+
+
+def _contrary(head: Head) -> None:
+    pair = "      second_motor: {id: 3, init: 2048, min: 2600, max: 1500}\n"
+    head.params(head_of("XM430-W350") + pair)
+    head.servos(*[SimulatedServo(each, XM) for each in (1, 2, 3)])
+    for each in (2, 3):  # face to face: the one must stay below zero, the other above
+        head[each].set_register("Max Position Limit", 1900)
+
+
 def _disturbed(head: Head) -> None:
     faults = Faults(Random(1), 0.0, [Fault.CORRUPT])
     head.servos(SimulatedServo(1), SimulatedServo(2), faults=faults)
@@ -165,6 +179,8 @@ RED: list[tuple[str, Callable[[Head], None]]] = [
     ("servo 1", _of_first("temperature", 66.0)),
     ("servo 1", lambda head: head[1].overload()),
     ("servo 1", _swapped),
+    ("servo 1", _shadowing),
+    ("servo 2", _contrary),
     ("adapter", _slow_adapter),
     ("line", _disturbed),
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, suppress
 from statistics import median
 from typing import Final
@@ -25,6 +25,7 @@ from head_tracking.dynamixel import (
 from head_tracking.dynamixel.configuration import TemperatureParameters
 from head_tracking.dynamixel.diagnosis import conditions, swapped
 from head_tracking.dynamixel.exceptions import advice
+from head_tracking.dynamixel.joint import BusJoint, bus_joints
 from head_tracking.dynamixel.servo import Servo, run
 
 _READINGS: Final = 50
@@ -49,14 +50,11 @@ def check_bus(
     with closing(port):
         yield Finding("port", Grade.GREEN, f"{bus.port_name} at {bus.baud_rate} baud")
         try:
-            servos = [
-                Servo(port, calibration.id, calibration.model, calibration)
-                for joint in bus.joints
-                for calibration in joint.calibrations
-            ]
+            joints = bus_joints(bus.joints, port).values()
+            servos = [servo for joint in joints for servo in joint.servos]
             for servo in servos:
                 yield from _check_servo(servo, port, bus.temperature)
-            yield from _check_limits(servos)
+            yield from _check_limits(joints, servos)
             yield from _check_line(bus, port, [each for each in servos if each.identity])
             silent = [each for each in servos if not each.counters.replies]
         except PortLostError as error:
@@ -126,7 +124,12 @@ def _check_servo(
     yield Finding(name, level, "; ".join([f"{facts}{celsius:.0f} °C", *(t for _, t in problems)]))
 
 
-def _check_limits(servos: Sequence[Servo]) -> Iterator[Finding]:
+def _check_limits(joints: Iterable[BusJoint], servos: Sequence[Servo]) -> Iterator[Finding]:
+    for joint in joints:
+        try:
+            joint.require_range()
+        except ConfigurationError as error:
+            yield Finding(f"servo {joint.servos[0].id}", Grade.RED, str(error))
     for servo_id, other in swapped(servos).items():
         text = f"its memory has the angle limits of servo {other.id}; the two ids may be swapped"
         yield Finding(f"servo {servo_id}", Grade.RED, text)
