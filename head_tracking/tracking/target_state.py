@@ -181,13 +181,12 @@ class TargetStateMachine:
         place = waiting()
         return None if place is None else inside(self._head, place)
 
-    def _recentring(self, positions: tuple[float, float]) -> tuple[float, float] | None:
+    def _recentring(self, positions: tuple[float, float]) -> tuple[float, float]:
         centre = self._head.pan_limits.clamp(0.0), self._head.tilt_limits.clamp(0.0)
-        if not at_goal(positions, centre):
-            return centre
-        self._centring = False
-        self._become(TargetState.IDLE, "the head is at its centre")
-        return None
+        if at_goal(positions, centre):  # commanded even so: the servos may have another goal
+            self._centring = False
+            self._become(TargetState.IDLE, "the head is at its centre")
+        return centre
 
     def _become(self, state: TargetState, reason: str) -> None:
         self._state, self._reason = state, reason

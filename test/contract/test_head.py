@@ -561,6 +561,8 @@ from head_tracking.dynamixel import DynamixelError
     wait_for(lambda: servos.torque == [0, 0])  # they answer when this process has time
 
 
+# Ctrl-C in a callback of the garbage collector, such as hypothesis has one, ends nothing
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_ctrl_c_at_any_moment_leaves_the_head_usable(head):
     """As in an interactive session."""
     commands = (

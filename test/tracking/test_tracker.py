@@ -76,6 +76,15 @@ def test_a_target_ends_the_recentring_for_good(make):
     assert ideal.run(2.0).tracker.state is TargetState.HOLDING
 
 
+def test_a_head_that_did_not_obey_yet_is_recentred_from_where_it_stands(make, law):
+    ideal = IdealHead(make(law))
+    ideal.obeys = False  # a servo's delay is longer than this
+    ideal.run(DT, TARGET).tracker.recenter()
+    ideal.run(0.1)
+    ideal.obeys = True
+    assert ideal.run(2.0).positions == pytest.approx((0.0, 0.0), abs=0.02)
+
+
 def test_delays_are_measured(make):
     tracker = make()
     for k in range(200):
