@@ -188,7 +188,7 @@ def _line(watch: _Watch) -> Found:
     watch.failures += [watch.now] * min(4, failed - watch.failed)
     watch.failed = failed
     watch.failures = [when for when in watch.failures if watch.now - when <= 300_000_000]
-    if len(watch.failures) < 4 or watch.servo.failed_cycles:
+    if len(watch.failures) < 4 or not watch.servo.answers:
         return None
     return Symptom.LINE, (
         f"{len(watch.failures)} transactions failed within 0.3 s, though it answers: plugs, "
