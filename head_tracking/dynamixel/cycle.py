@@ -300,7 +300,7 @@ class Cycle:
         if servo.damaged_cycles >= _LOST_AFTER:
             text = f"damaged replies in {servo.damaged_cycles} cycles in a row; {advice(servo.id)}"
         servo.lose(self._monotonic() + POLL_INTERVAL)
-        self._bus.note(EventKind.LOST, joint, text)
+        self._bus.note(EventKind.LOST, joint, text, servo=servo)
         if joint.lost:
             joint.drop_goal(resumes=True)
 

@@ -61,6 +61,7 @@ class Procedures:
         text: str,
         stuck: bool = False,
         about: Hashable = None,
+        servo: Servo | None = None,
     ) -> None:
         """Add an event.
 
@@ -73,9 +74,11 @@ class Procedures:
             text: The same for the log.
             stuck: Whether the joint cannot reach its goals.
             about: Distinguishes events of one kind.
+            servo: Which of its servos; None: the first one stands for the joint.
         """
-        text = f"{joint.name} (id {joint.servos[0].id}): {text}"
-        now, key = self.monotonic(), (kind, joint.name, about)
+        who = f"{joint.name} (id {(servo or joint.servos[0]).id})"
+        text = f"{who}: {text}"
+        now, key = self.monotonic(), (kind, who, about)
         count, last = self._recent.get(key, (0, 0))
         count = count + 1 if now - last < _REPEATS else 1
         self._recent[key] = count, now
@@ -285,7 +288,7 @@ class Procedures:
                 yield 0.0
                 yield from servo.verify(servo.model.control_table.block("Torque Limit"), limit)
                 servo.faulted = False
-        result = "it restarts" if joint.lost else joint.torque.value
+        result = joint.torque.value if joint.complete else "it restarts"
         self.note(EventKind.RECOVERED, joint, result)
 
     def returning(self, joint: BusJoint, servo: Servo) -> Steps[None]:
@@ -299,9 +302,9 @@ class Procedures:
                     self.cut(joint)
                 else:
                     release(self.port, (servo,))
-                self.note(EventKind.UNUSABLE, joint, str(cause), about=str(cause))
+                self.note(EventKind.UNUSABLE, joint, str(cause), about=str(cause), servo=servo)
             return
-        self.note(EventKind.RETURNED, joint, f"answers again; {result}")
+        self.note(EventKind.RETURNED, joint, f"answers again; {result}", servo=servo)
         self.note_shortcomings(joint, servo)
 
     def _take_back(self, joint: BusJoint, servo: Servo) -> Steps[str]:

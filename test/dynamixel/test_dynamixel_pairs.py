@@ -152,6 +152,17 @@ def test_no_servo_of_a_pair_holds_alone_when_the_other_one_cannot_be_used(name):
     assert pair.bus.joint("j").torque is Torque.OFF_UNTIL_COMMANDED
 
 
+def test_one_of_a_pair_that_restarts_to_recover_is_not_reported_as_shut_down():
+    pair = Pair("XM430-W350")
+    pair.send(0.6)
+    pair.servos[1].overload()
+    pair.step(5)
+    run(pair.bus.recovering())
+    pair.step()
+    (text,) = [event.text for event in pair.events if event.kind is EventKind.RECOVERED]
+    assert Torque.OFF_BY_FAULT.value not in text
+
+
 @pytest.mark.parametrize("silent", [1, 2])
 def test_no_goal_goes_to_one_servo_while_the_other_does_not_answer(silent):
     pair = Pair("XM430-W350")
@@ -166,6 +177,8 @@ def test_no_goal_goes_to_one_servo_while_the_other_does_not_answer(silent):
     assert [servo.register("Goal Position") for servo in pair.servos] == goals
     mute.set_register("ID", silent)
     pair.step(60)
+    named = {e.text[:8] for e in pair.events if e.kind in (EventKind.LOST, EventKind.RETURNED)}
+    assert named == {f"j (id {silent})"}
     pair.send(0.2)
     assert pair.bus.joint("j").torque is Torque.ON
     assert pair.apart < APART and pair.goals_apart < APART
