@@ -371,7 +371,8 @@ class Diagnosis:
             watch.forget_motion()
             return
         watch.error = servo.calibration.position(joint.goal_ticks[watch.index]) - servo.position
-        watch.asked = joint.default_speed if joint.goal_speed is None else joint.goal_speed
+        asked = joint.default_speed if joint.goal_speed is None else joint.goal_speed
+        watch.asked = min(asked, servo.fastest * servo.model.speed_unit)
         for find in _FOLLOWING:
             if found := find(watch):
                 self._suspect(watch, *found)

@@ -332,10 +332,18 @@ def hurry(head: Head) -> Goal:
     return Goal(2.0 * side, 0.3 if head.time % 1.7 < 1.4 else 4.0)
 
 
+def limited(head: Head) -> Goal:
+    """As before, but `max_speed` is low, since a while after the start."""
+    if head.time > 1.0:
+        head.bus.joint(PAN).reconfigure(max_speed=0.05)
+    return hurry(head)
+
+
 @pytest.mark.parametrize(
     ("model", "goal", "delay"),
     [
         (AX, turn_round, 0.03),
+        (AX, limited, 0.03),
         (AX, hurry, 0.03),
         (XM, hurry, 0.03),
         (STS, hurry, 0.03),
@@ -344,7 +352,17 @@ def hurry(head: Head) -> Goal:
         (STS, begin_slowly(0.05), 0.03),
         (XM, begin_slowly(0.05), 0.08),
     ],
-    ids=["turns round", "AX hurries", "X hurries", "STS hurries", "AX", "X fast", "STS", "X slow"],
+    ids=[
+        "turns round",
+        "limited",
+        "AX hurries",
+        "X hurries",
+        "STS hurries",
+        "AX",
+        "X fast",
+        "STS",
+        "X slow",
+    ],
 )
 def test_a_joint_that_begins_slowly_hurries_or_turns_round_meets_no_obstacle(model, goal, delay):
     head = Head(model, 3, delay=delay)
