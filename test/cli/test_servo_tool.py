@@ -476,7 +476,7 @@ def test_calibrate_writes_zero_range_and_direction(bench, tmp_path):
     bench.on_enter.append(partial(bench[1].set_register, "ID", 9))  # as if its plug were loose
     bench.on_enter.append(lambda: bench[9].set_register("ID", 1) or bench.turn_by_hand(1, 200))
     bench.move_by_hand(1, 850)
-    bench.move_by_hand(7, 2100, 3000, 1500)
+    bench.move_by_hand(7, 4096 + 2100, 4096 + 3000, 4096 + 1500)  # a turn further
     file = tmp_path / "head.yaml"
     command = ("calibrate", "head_pan:1", "head_tilt:7", "--output", str(file), "--margin", "0.05")
     assert bench.run(*command) == DONE

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -20,7 +20,7 @@ from head_tracking.exceptions import RefusedError
 from head_tracking.share import write_file
 
 T = TypeVar("T")
-Ticks = Mapping[int, int]
+Ticks = dict[int, int]
 """The position of each servo, by id."""
 
 _READINGS = 9
@@ -156,6 +156,10 @@ def by_hand(
     """
     while True:
         poses = [_ticks_by_hand(terminal, servos, prompt) for prompt in prompts]
+        for servo in servos:  # relaxed X servos count turns, and forget them with torque on
+            turns = poses[0][servo.id] // servo.model.ticks * servo.model.ticks
+            for pose in poses:
+                pose[servo.id] -= turns
         try:
             return calibrated(*poses)
         except RefusedError as error:
