@@ -7,9 +7,11 @@ import logging
 import math
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -49,7 +51,8 @@ class NoPictureError(HeadTrackingError):
 def pictures(camera: int | str) -> Generator[tuple[float, Pixels]]:
     """Yield the images of a camera with their times of arrival [s, as time.time()].
 
-    Those of a file come at its own rate, and then end.
+    Those of a file come at its own rate, and then end. Of a camera, images that come while the
+    program is busy are dropped, but the latest one.
 
     Args:
         camera: number, device, file or URL, as for OpenCV's VideoCapture.
@@ -61,25 +64,62 @@ def pictures(camera: int | str) -> Generator[tuple[float, Pixels]]:
     if isinstance(camera, int) and camera < 0:  # OpenCV crashes at -1 if there is no camera
         raise NoPictureError(camera)
     capture = cv2.VideoCapture(camera)
-    capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # the latest image, if the driver supports it
-    is_file = isinstance(camera, str) and Path(camera).is_file()
+    is_path = isinstance(camera, str) and Path(camera).is_file()
+    is_file = is_path or capture.get(cv2.CAP_PROP_FRAME_COUNT) > 0.0  # a URL may be a file, too
     rate = capture.get(cv2.CAP_PROP_FPS)
     period = 1.0 / (rate if 1.0 <= rate <= _FASTEST_RATE else _USUAL_RATE)
-    due, has_ended = time.monotonic(), False
+    images, has_ended = _grabbed(capture, period if is_file else None), False
     try:
-        while capture.grab():
-            if is_file:
-                due += period
-                time.sleep(max(0.0, due - time.monotonic()))
-            stamp = time.time()
-            good, picture = capture.retrieve()
-            if good:
-                yield stamp, picture
-                has_ended = is_file
+        for image in images if is_file else _latest(images):
+            yield image
+            has_ended = is_file
     finally:
         capture.release()
     if not has_ended:
         raise NoPictureError(camera)
+
+
+def _grabbed(capture: Any, period: float | None) -> Generator[tuple[float, Pixels]]:
+    """Yield all images with their times [s]; period: between those of a file [s]."""
+    due = time.monotonic()
+    while capture.grab():
+        if period is not None:
+            due += period
+            time.sleep(max(0.0, due - time.monotonic()))
+        stamp = time.time()
+        good, picture = capture.retrieve()
+        if good:
+            yield stamp, picture
+
+
+def _latest(images: Generator[tuple[float, Pixels]]) -> Generator[tuple[float, Pixels]]:
+    """Yield the latest image; a thread receives all: those that wait get a wrong time."""
+    latest: deque[tuple[float, Pixels]] = deque(maxlen=1)
+    came, ending = threading.Event(), threading.Event()
+
+    def receive() -> None:
+        try:
+            for image in images:
+                latest.append(image)
+                came.set()
+                if ending.is_set():
+                    break
+        finally:
+            ending.set()
+            came.set()
+
+    thread = threading.Thread(target=receive, name="images", daemon=True)
+    thread.start()
+    try:
+        while came.wait():
+            came.clear()
+            if latest:
+                yield latest.pop()
+            elif ending.is_set():
+                return
+    finally:
+        ending.set()
+        thread.join()
 
 
 def checked_pictures(

@@ -1,3 +1,5 @@
+import time
+from queue import Queue
 from types import SimpleNamespace
 
 import cv2
@@ -5,7 +7,15 @@ import numpy as np
 import pytest
 from image_encodings import COLOURLESS, ENCODERS, RawImage, raw
 
-from head_tracking.vision import Box, DepthImage, ImageError, decode_depth, decode_picture, pictures
+from head_tracking.vision import (
+    Box,
+    DepthImage,
+    ImageError,
+    NoPictureError,
+    decode_depth,
+    decode_picture,
+    pictures,
+)
 
 
 @pytest.fixture(scope="module")
@@ -104,3 +114,42 @@ def test_the_images_of_a_file_come_at_its_rate_and_end(tmp_path, monkeypatch):
     monkeypatch.setattr("head_tracking.vision.camera_follower.time", clock)
     stamps = [stamp for stamp, _ in pictures(file)]
     assert stamps == pytest.approx([100.0 + 0.05 * number for number in range(1, 11)])
+
+
+class Stream(Queue):
+    """A camera that keeps its images until they are read, as OpenCV does with URLs."""
+
+    image = None
+
+    def grab(self):
+        if self.image is not None:
+            self.task_done()
+        self.image = super().get()
+        return self.image != "end"
+
+    def retrieve(self):
+        return self.image != "damaged", self.image
+
+    def get(self, _):
+        return 0.0
+
+    def release(self):
+        self.image = None
+
+
+def test_a_slow_program_gets_the_latest_image_of_a_camera(monkeypatch):
+    """Else its images get older and older, and their times are those of their arrival."""
+    stream = Stream()
+    monkeypatch.setattr(cv2, "VideoCapture", lambda camera: stream)
+    images = pictures("rtsp://camera")
+    stream.put(1)
+    assert next(images)[1] == 1
+    for image in (2, 3, 4, 5, "damaged"):
+        stream.put(image)
+    while stream.unfinished_tasks > 1:  # an image is done at the next grab
+        time.sleep(0.001)
+    assert next(images)[1] == 5
+    stream.put("end")
+    with pytest.raises(NoPictureError):
+        next(images)
+    assert stream.image is None  # released
