@@ -440,6 +440,11 @@ def test_monitor_shows_measured_values(bench):
     assert "input voltage" in rows["8"]
     assert bench.clock() > 1.2
     assert max(map(len, bench.output.splitlines())) <= 80
+    bench[2].set_register("Model Number", 107)  # EX-106+, which is not supported
+    bench[8].set_register("Status Return Level", 0)
+    assert bench.run("monitor", "--count", "1") == DONE
+    assert [line.split()[0] for line in bench.output.splitlines()[-2:]] == ["1", "7"]
+    assert bench.run("monitor", "1", "2", "--count", "1") == FAILED
 
 
 def test_monitor_ends_when_the_reader_of_its_output_has_ended():

@@ -159,8 +159,14 @@ def info(session: Session, servo_id: int, *, all_of_them: bool) -> None:
 def monitor(session: Session, ids: Sequence[int], *, rate: float, count: int) -> None:
     """Show the measured values of servos `count` times; 0: until Ctrl-C."""
     with session.port() as port:
-        present = ids or first_ids(port)
-        servos = [find_servo(port, servo_id, session.model) for servo_id in present]
+        servos: list[Servo] = []
+        for servo_id in ids or first_ids(port):
+            try:
+                servos.append(find_servo(port, servo_id, session.model))
+            except (ToolError, CommunicationError) as error:
+                if ids:
+                    raise
+                session.terminal.print(str(error))  # the others can be shown
         if not servos:
             raise none_answers(port)
         for servo in servos:
