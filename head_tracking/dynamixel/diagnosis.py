@@ -65,8 +65,8 @@ def conditions(
     nominal = servo.model.nominal_voltage
     if volts < share * nominal or volts < identity.lowest_voltage + 0.5:
         found[Symptom.SUPPLY] = (
-            f"its supply is {volts:.1f} V instead of {nominal:.1f} V: charge the battery, or use a "
-            "stronger supply"
+            f"its supply is {volts:.1f} V instead of {nominal:.1f} V, and its Min Voltage Limit is "
+            f"{identity.lowest_voltage:.1f} V: charge the battery, or use a stronger supply"
         )
     if celsius >= min(warm, identity.temperature_limit - 8.0) - slack:
         found[Symptom.WARM] = (

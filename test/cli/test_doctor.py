@@ -201,6 +201,12 @@ def test_a_correct_head_is_green(head):
     }
 
 
+def test_a_supply_below_what_the_servo_itself_demands_is_shown_with_that_limit(head):
+    head[1].set_register("Min Voltage Limit", 130)
+    assert head.check() == 2
+    assert ["13.0 V" in each.text for each in head.found if each.check == "servo 1"] == [True]
+
+
 @pytest.mark.parametrize(
     ("check", "spoil"),
     [
