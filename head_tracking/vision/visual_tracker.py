@@ -16,6 +16,7 @@ from head_tracking.vision.images import ImageError
 from head_tracking.vision.opencv import cv2
 
 _LONGEST_PAUSE = 5.0  # s
+_LATEST = 1.0  # s by which an image may be late, and is ignored; more: the clock was set back
 _HINTED = 0.3  # s after a loss in which the predicted position is a hint
 _ANOTHER = 0.5  # m
 
@@ -84,6 +85,7 @@ class VisualTracker:
             fixed frame then, else in that of the camera.
         without_distance: number of detections in the latest image without a known distance.
         doubted: the confidence of what is seen and, as it is too low, not published; else None.
+        late: by how much the latest image is older than the one before [s]; 0: it is not.
     """
 
     def __init__(
@@ -98,6 +100,7 @@ class VisualTracker:
         self.has_pose = False
         self.without_distance = 0
         self.doubted: float | None = None
+        self.late = 0.0
         self._number = 0
         self._stamp: int | None = None
 
@@ -135,6 +138,9 @@ class VisualTracker:
             located: the detections, in any frame.
             T_fixed_frame: pose of that frame in the fixed frame; None: it does not move.
         """
+        self.late = 0.0 if self._stamp is None else max(0.0, (self._stamp - stamp) * 1e-9)
+        if 0.0 < self.late <= _LATEST:
+            return None
         self._restart_after_pause(stamp, T_fixed_frame is not None)
         self._assign(located, T_fixed_frame or Transform.identity(), stamp * 1e-9)
         if self.followed not in self.tracks:

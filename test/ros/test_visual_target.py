@@ -2,6 +2,7 @@
 
 import struct
 import threading
+from itertools import cycle
 
 import numpy as np
 import pytest
@@ -139,6 +140,20 @@ def test_images_without_stamps_get_the_time_of_their_arrival(world, look):
     assert len(targets) == 4
     show(world, depth="", info=ANY_FRAME, change=elsewhere)
     assert len(targets) == 8
+
+
+def test_late_images_are_ignored_with_a_warning(world, look):
+    """Such as those of a second camera on the same topic."""
+    node = look(follow="colour", distance=1.5)
+    targets, late = world.record("/target_point"), cycle((False, True))
+
+    def of_two(image, _):
+        if next(late):
+            image.header = header(world.now - 50_000_000, image.header.frame_id)
+
+    show(world, depth="", change=of_two, frames=10)
+    assert len(targets) == 3
+    assert node.warnings
 
 
 def compressed(picture, depths, kind):

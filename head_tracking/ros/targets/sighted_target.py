@@ -129,6 +129,11 @@ class SightedTargetNode(ClosingNode):
         """Publish a target, if enabled."""
         if sighting is not None:
             self.output.publish(Target(stamp, frame_id, sighting.point))
+        elif self.tracker.late:
+            self.warn(
+                f"no target: the stamp is {self.tracker.late:.2f} s older than the one before; "
+                "does more than one program publish on this topic?"
+            )
         elif self.tracker.without_distance:
             self.warn(
                 "the distance of a detection is unknown: it has no depth from min_distance to "
