@@ -122,7 +122,11 @@ def test_each_joint_is_predicted_at_its_own_delay():
 
 @pytest.mark.parametrize(
     ("servos", "camera"),
-    [*((how, how) for how in Learning), (Learning.FREEZE, Learning.LEARN)],
+    [
+        (Learning.LEARN, Learning.FREEZE),
+        (Learning.FREEZE, Learning.LEARN),
+        (Learning.FORGET, Learning.FORGET),
+    ],
 )
 def test_what_was_learned_is_kept_or_forgotten_as_chosen(servos, camera):
     steered = tracker()
