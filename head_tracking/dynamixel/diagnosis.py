@@ -461,16 +461,16 @@ class Diagnosis:
         errors = servo.errors
         if isinstance(errors, ErrorBits):
             errors &= ~REFUSALS
-        if servo.identity is not None and errors & servo.identity.shutdown:
-            if not servo.faulted:
-                servo.faulted = True
-                self._bus.cut(joint)
-                self._bus.note(
-                    EventKind.FAULTED,
-                    joint,
-                    f"servo {servo.id} has shut itself down: {describe_errors(errors)}; it takes "
-                    "no commands until recover is called",
-                )
+        fatal = servo.identity is not None and errors & servo.identity.shutdown
+        if fatal and not servo.faulted:
+            servo.faulted = True
+            self._bus.cut(joint)
+            self._bus.note(
+                EventKind.FAULTED,
+                joint,
+                f"servo {servo.id} has shut itself down: {describe_errors(errors)}; it takes "
+                "no commands until recover is called",
+            )
         elif errors and watch.reported != errors:
             text = f"servo {servo.id} reports: {describe_errors(errors)}"
             self._bus.note(EventKind.ALARM, joint, text, about=errors)
