@@ -15,7 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from head_tracking.exceptions import HeadTrackingError, RefusedCommandError, SupersededError
+from head_tracking.exceptions import (
+    FrameError,
+    HeadTrackingError,
+    RefusedCommandError,
+    SupersededError,
+)
 from head_tracking.parameters import check_kind, verified
 from head_tracking.transforms import Transform, Vector3
 from head_tracking.vision.camera import Camera, camera_with_view
@@ -27,6 +32,7 @@ from head_tracking.vision.visual_tracker import DistanceParameters, Sighting, Vi
 
 _LOG = logging.getLogger(__name__)
 _END_TIMEOUT = 2.0  # s
+_UNUSABLE = 5.0  # s for which images may be older than what is known of the head
 _USUAL_RATE, _FASTEST_RATE = 30.0, 240.0  # images a second, of a file that does not tell
 
 DEFAULT_VIEW = math.radians(60.0)
@@ -177,6 +183,7 @@ class CameraFollower:
             which may be its effect.
         follow: receives each point in the optical frame [m], and its time [s].
         pose: returns `T_fixed_optical` at the time of each image [s]; may block until it is known.
+            An image without it is not used; after 5 s of such images the thread ends.
         camera: the camera; None: one with `DEFAULT_VIEW`.
         distances: limits and assumption of the distance; None: 2 m where it is not measured.
 
@@ -209,7 +216,7 @@ class CameraFollower:
         )
         self._source, self._check, self._camera = source, check, camera
         self._follow, self._pose = follow, pose
-        self._ending = False
+        self._ending, self._usable = False, time.monotonic()
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
 
     def start(self) -> None:
@@ -261,6 +268,14 @@ class CameraFollower:
         height, width, _ = picture.shape
         camera = self._camera or camera_with_view(width, height, DEFAULT_VIEW)
         frame = Frame(round(stamp * 1e9), camera, Picture(picture), None)
-        self.sighting = self._tracker.step(frame, self._pose(stamp))
+        try:
+            pose = self._pose(stamp)
+        except FrameError:
+            if time.monotonic() - self._usable > _UNUSABLE:
+                raise
+            self.sighting = None
+            return
+        self._usable = time.monotonic()
+        self.sighting = self._tracker.step(frame, pose)
         if self.sighting is not None and not self._ending:
             self._follow(self.sighting.point, stamp)

@@ -42,8 +42,9 @@ class Frame:
         for what, image in (("picture", self.picture), ("depth image", self.depth)):
             if image is not None and image.size != camera:
                 raise ImageError(
-                    f"the {what} has {image.size[0]}x{image.size[1]} pixels and camera_info says "
-                    f"{camera[0]}x{camera[1]}; picture, aligned depth and camera_info must agree"
+                    f"the {what} has {image.size[0]}x{image.size[1]} pixels and the camera model "
+                    f"(camera_info) {camera[0]}x{camera[1]}; picture, aligned depth and camera "
+                    "model must agree"
                 )
 
 

@@ -129,6 +129,20 @@ def test_a_simulated_camera_that_fails_with_its_head_gives_no_warning(head, capl
     assert not caplog.records
 
 
+def test_images_from_before_the_head_was_opened_do_not_end_following(head):
+    """Such as the first ones of a camera in the network."""
+
+    def images():
+        yield time.time() - 30.0, GREY
+        yield from grey_images()
+
+    camera = head.follow_camera("face", images())
+    assert not camera.wait(0.5)
+    head.hold()
+    assert camera.wait(PATIENCE)
+    assert isinstance(camera.error, SupersededError)
+
+
 def test_a_camera_without_a_face_does_not_move_the_head(head, servos):
     camera = head.follow_camera("face", ((time.time(), GREY) for _ in range(5)))
     assert camera.wait(PATIENCE)
