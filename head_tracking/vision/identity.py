@@ -24,6 +24,8 @@ _CONFIRMED_OF = 5  # images
 _FARTHEST = 0.5
 """Maximum distance [m] from the predicted position after a loss. Without this limit the gate would
 grow with time, and so the risk of taking over another person."""
+_RENAMED = 0.5
+"""Maximum cost of a detection with a new id at the position of a track."""
 _MOST_DIFFERENT, _MOST_DIFFERENT_AFTER_LOSS = 0.75, 0.5
 """Maximum distance of the appearances of one object; the second value applies after a loss, or away
 from the predicted position. For rendered people it is below 0.45 for the same person and above 0.6
@@ -107,10 +109,14 @@ class Track:
 
     def cost(self, located: Located, T_optical_fixed: Transform) -> float:
         """Return the cost of assigning a detection to this track; infinite: another object."""
-        if located.candidate.label != self.label:
-            return math.inf
-        if located.candidate.unique:
-            return 0.0
+        difference = self._difference(located, T_optical_fixed)
+        if located.candidate.label == self.label:  # an id is followed everywhere: at most 1
+            return -math.expm1(-difference) if located.candidate.unique else difference
+        # the next image may have another id for the same object
+        is_renamed = located.candidate.unique and self.recent[-1] and difference < _RENAMED
+        return 2.0 + difference if is_renamed else math.inf
+
+    def _difference(self, located: Located, T_optical_fixed: Transform) -> float:
         expected = T_optical_fixed @ self.position.tolist()
         away, distance = math.hypot(*expected), math.hypot(*located.point)
         if away < 1e-6 or distance < 1e-6:
@@ -126,10 +132,10 @@ class Track:
         lost, here = not self.recent[-1], angle <= 0.03 + located.radius
         if angle > reach or ratio > 0.7 or (lost and angle * away > _FARTHEST):
             return math.inf
-        difference = appearance_distance(self.appearance, located.appearance)
-        if difference > (_MOST_DIFFERENT if here and not lost else _MOST_DIFFERENT_AFTER_LOSS):
+        colours = appearance_distance(self.appearance, located.appearance)
+        if colours > (_MOST_DIFFERENT if here and not lost else _MOST_DIFFERENT_AFTER_LOSS):
             return math.inf
-        return angle / reach + 2.0 * ratio + 3.0 * difference
+        return angle / reach + 2.0 * ratio + 3.0 * colours
 
     def update(self, located: Located, T_fixed_optical: Transform, *, learn: bool) -> None:
         """Correct by a detection; learn: whether to learn its appearance, too."""
@@ -139,7 +145,7 @@ class Track:
         self.position = self.position + gain[0] * change
         self.velocity = self.velocity + gain[1] * change
         self.covariance = self.covariance - np.outer(gain, self.covariance[0])
-        self.seen, self.latest = self.now, located
+        self.seen, self.latest, self.label = self.now, located, located.candidate.label
         self.confidence += 0.3 * (located.candidate.confidence - self.confidence)
         if learn and located.appearance.shape == self.appearance.shape:
             self.appearance = 0.95 * self.appearance + 0.05 * located.appearance

@@ -103,6 +103,20 @@ def test_a_detection_with_an_id_is_followed_everywhere(scene):
     assert world.ids == {"a"}
 
 
+def test_an_object_keeps_its_track_while_its_id_changes(scene):
+    world = scene(distance=2.0)
+    found = [world.show(array(detection(name, 80, 80, 60)), images=1) for name in "abcdef"]
+    assert len(found[-1]) == 1
+
+
+def test_an_id_of_two_objects_does_not_identify_them(scene):
+    """Such as the number of their class."""
+    world, one, other = scene(distance=2.0), detection("0", 80, 80, 60), detection("0", 240, 80, 60)
+    world.show(array(one, other))
+    found = world.show(array(one, other)) + world.show(array(other, one))
+    assert len({message.point.x > 0.0 for message in found}) == 1
+
+
 def test_other_classes_and_invalid_detections_are_ignored(scene):
     world = scene(distance=2.0, class_id="person")
     found = world.show(
