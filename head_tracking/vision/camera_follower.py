@@ -217,6 +217,7 @@ class CameraFollower:
         self._source, self._check, self._camera = source, check, camera
         self._follow, self._pose = follow, pose
         self._ending, self._usable = False, time.monotonic()
+        self._unusable: FrameError | None = None
         self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
 
     def start(self) -> None:
@@ -245,6 +246,8 @@ class CameraFollower:
                         return
                     self._check()
                     self._process(stamp, picture)
+            if self._unusable is not None:
+                raise self._unusable
         except Exception as failure:  # a source or a detector may raise anything
             error = self.error = self._reason(failure)
             if not isinstance(error, RefusedCommandError | SupersededError):
@@ -270,12 +273,12 @@ class CameraFollower:
         frame = Frame(round(stamp * 1e9), camera, Picture(picture), None)
         try:
             pose = self._pose(stamp)
-        except FrameError:
+        except FrameError as error:
             if time.monotonic() - self._usable > _UNUSABLE:
                 raise
-            self.sighting = None
+            self.sighting, self._unusable = None, error
             return
-        self._usable = time.monotonic()
+        self._usable, self._unusable = time.monotonic(), None
         self.sighting = self._tracker.step(frame, pose)
         if self.sighting is not None and not self._ending:
             self._follow(self.sighting.point, stamp)

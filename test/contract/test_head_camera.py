@@ -198,6 +198,7 @@ def unplugged():
         (-1, NoPictureError),  # OpenCV 4 and 5 end the process if there is no camera
         (unplugged(), OSError),
         ([(float("nan"), GREY)], ImageError),
+        ([(1.0, GREY)], FrameError),  # the time of another clock
         ([GREY], ImageError),
         ([(GREY, 1.0)], ImageError),
     ],
