@@ -132,13 +132,13 @@ def test_other_classes_and_invalid_detections_are_ignored(scene):
     assert found[-1].point.x > 0
 
 
-@pytest.mark.parametrize("score", [0.1, 0.9])
-def test_why_what_is_seen_is_not_published(scene, monkeypatch, score):
+@pytest.mark.parametrize(("score", "column"), [(0.1, 240), (0.9, 240), (0.9, 400)])
+def test_why_what_is_seen_is_not_published(scene, monkeypatch, score, column):
     world, warnings = scene(distance=2.0), []
     monkeypatch.setattr(world.node, "warn", warnings.append)
     for each in (0.9, score):
-        found = world.show(array(detection("me", 240, 80, 40, score=each)), images=20)
-    assert bool(warnings) == (not found[10:]) == (score < 0.3)
+        found = world.show(array(detection("me", column, 80, 40, score=each)), images=20)
+    assert bool(warnings) == (not found[10:]) == (score < 0.3 or column > CAMERA.width)
 
 
 def test_detections_of_other_classes_are_named_until_one_is_of_the_class(scene, monkeypatch):

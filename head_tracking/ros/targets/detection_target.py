@@ -150,7 +150,14 @@ class DetectionTargetNode(SightedTargetNode):
                 given = self._people(regions, camera, frame_id, stamp)
             else:
                 given = candidates(found.detections, p.class_id)
-            things = self.tracker.locate(Frame(stamp, camera, None, self._depth(stamp)), given)
+            size = camera.width, camera.height
+            inside = [one for one in given if min(one.box.clipped(*size)[2:]) > 0]
+            if len(inside) < len(given):
+                self.warn(
+                    f"a detection is ignored: it lies outside the image of {size[0]}x{size[1]} "
+                    "pixels of camera_info; the camera_info must be that of the detector's images"
+                )
+            things = self.tracker.locate(Frame(stamp, camera, None, self._depth(stamp)), inside)
         sighting = self.tracker.update(stamp, things, self.pose(frame_id, stamp))
         self.send(stamp, frame_id, sighting)
         if sighting is not None and self._name.get_subscription_count():
