@@ -372,7 +372,7 @@ class DynamixelPort:
         self, line: SerialDevice, instruction: InstructionPacket, received_at: float
     ) -> Status:
         """Wait for the reply of a servo; `received_at`: when it had the instruction, s."""
-        _, protocol, _, _, size, prefix, _ = instruction
+        _, protocol, _, _, size, prefix, _, _ = instruction
         due = self._wire_free + size * self._seconds_per_byte
         deadline = due + self._timeout.allowance
         buffer = self._buffer or line.read(_CHUNK, deadline)
@@ -411,9 +411,14 @@ class DynamixelPort:
         was_damaged = self._echoed = False
         late = self._late.similar(instruction)  # so many of the first replies may be late ones
         while True:
+            before = self._buffer
             status, damaged = self._next(protocol)
             was_damaged = was_damaged or damaged
             if status is not None:
+                is_next = status.id in instruction.behind and len(status.data) == length
+                if was_damaged and is_next:
+                    self._buffer = before  # for the next one; this one was damaged
+                    break
                 if status.id != instruction.id:
                     self._note_surplus(status.id)
                 elif late and len(status.data) == length:

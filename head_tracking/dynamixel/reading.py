@@ -25,6 +25,7 @@ class InstructionPacket(NamedTuple):
     size: int  # bytes of the reply
     prefix: bytes  # first bytes of the reply
     description: str  # of the instruction, for messages
+    behind: tuple[int, ...] = ()  # ids of the servos that reply to the same packet after this one
 
 
 def instruction_packet(
@@ -57,7 +58,10 @@ class ReadGroup:
         else:
             packet = sync_read_packet(protocol, ids, address, length)
         what = f"read of {length} byte(s) at {address}"
-        replies = [instruction_packet(packet, protocol, each, length, what) for each in ids]
+        replies = [
+            instruction_packet(packet, protocol, each, length, what)._replace(behind=ids[place:])
+            for place, each in enumerate(ids, 1)
+        ]
         object.__setattr__(self, "replies", tuple(replies))
 
     def extended(self, extra: int) -> ReadGroup:

@@ -12,6 +12,7 @@ from simulated_device import Bench, OnAnswers, Rig
 from head_tracking.dynamixel import (
     Adapter,
     CommunicationError,
+    CorruptReplyError,
     DynamixelPort,
     Goal,
     ReplyTimeoutError,
@@ -194,6 +195,23 @@ def test_the_late_reply_to_a_ping_is_not_taken_for_the_reply_to_the_next(model):
     assert port.ping(1, protocol) == 0
     port.sync_write(24, {1: b"\0"}, protocol)
     assert not bench.line.overlaps
+
+
+@pytest.mark.parametrize(("model", "bulk"), [("MX-28", True), ("XM430-W350", False)])
+def test_a_servo_whose_replies_are_damaged_does_not_hide_those_of_its_neighbour(model, bulk):
+    def damage(answer):
+        data = bytearray(answer.data)
+        data[-1] ^= data[4 if model == "XM430-W350" else 2] == 1  # the id
+        return [replace(answer, data=bytes(data))]
+
+    servos = [SimulatedServo(each, servo_model(model), boot_time=0.0) for each in (1, 2)]
+    bench = Bench(SimulatedBus(servos, faults=OnAnswers(damage)))
+    bench.port.open()
+    group = ReadGroup(servos[0].model.protocol, 36, 4, (1, 2), bulk)
+    for _ in range(5):
+        first, second = bench.port.read_group(group)
+        assert isinstance(first, CorruptReplyError)
+        assert second.id == 2
 
 
 pieces = st.one_of(
