@@ -160,6 +160,14 @@ class Track:
         self.recent = [*self.recent[-_CONFIRMED_OF + 1 :], found]
 
 
+def is_possible(point: Vector3) -> bool:
+    """Return whether something can be at a point [m]: not at the camera, and at most 1000 km away.
+
+    With the numbers of a damaged message the filter would overflow.
+    """
+    return 1e-6 <= math.hypot(*point) <= 1e6  # False for NaN
+
+
 def colours_of(frame: Frame, candidate: Candidate, depth: float | None = None) -> Appearance:
     """Return colour histograms of an object and of the region below it (clothes).
 

@@ -11,7 +11,13 @@ from head_tracking.transforms import Transform, Vector3
 from head_tracking.vision.camera import Box
 from head_tracking.vision.candidate import Candidate, Detector, Frame
 from head_tracking.vision.depth import surface_depth
-from head_tracking.vision.identity import IdentityParameters, Located, Track, colours_of
+from head_tracking.vision.identity import (
+    IdentityParameters,
+    Located,
+    Track,
+    colours_of,
+    is_possible,
+)
 from head_tracking.vision.images import ImageError
 from head_tracking.vision.opencv import cv2
 
@@ -254,7 +260,7 @@ class VisualTracker:
                 return None
             length = math.sqrt(1.0 + x * x + y * y)
             point = (x / length * away, y / length * away, away / length)
-        if not all(map(math.isfinite, point)):
+        if not is_possible(point):
             return None
         known = depth is not None or candidate.position is not None
         radius = candidate.box.width / 2 / frame.camera.focal_length()

@@ -157,7 +157,8 @@ def test_detections_in_space(scene):
     def found(head):
         message = vision.Detection3DArray(header=head)
         message.header.frame_id = "lidar"
-        for name, x in (("far", 5.0), ("near", 2.0)):
+        damaged = ("huge", 1e200), ("infinite", math.inf), ("none", math.nan)
+        for name, x in (("far", 5.0), ("near", 2.0), *damaged):
             one = vision.Detection3D(id=name)
             one.bbox.center.position.x, one.bbox.center.position.y = x, 0.5
             one.bbox.size.x = one.bbox.size.y = one.bbox.size.z = 0.5

@@ -9,7 +9,7 @@ from typing import Any
 from head_tracking.transforms import Vector3
 from head_tracking.vision.camera import Box, Camera
 from head_tracking.vision.candidate import Candidate
-from head_tracking.vision.identity import Located
+from head_tracking.vision.identity import Located, is_possible
 
 
 def candidates(detections: Iterable[Any], wanted: str) -> list[Candidate]:
@@ -51,7 +51,7 @@ def located(detections: Iterable[Any], wanted: str) -> list[Located]:
         at, size = detection.bbox.center.position, detection.bbox.size
         point = (at.x, at.y, at.z)
         away = math.hypot(*point)
-        if score is None or not all(map(math.isfinite, point)) or away < 1e-6:
+        if score is None or not is_possible(point):
             continue
         angle = max(0.0, size.x, size.y, size.z) / away
         if not math.isfinite(angle):
