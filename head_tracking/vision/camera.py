@@ -128,8 +128,7 @@ class Camera:
             k = [*projection[0:3], *projection[4:7], *projection[8:11]]
             distortion, turn = (), ()
         turn = tuple(turn) if any(turn) else _UNTURNED
-        numbers = [*k, *distortion, *turn]
-        if len(k) != 9 or not all(map(math.isfinite, numbers)):
+        if len(k) != 9 or not all(map(math.isfinite, k)):
             raise CameraError(
                 f"the matrix {'P' if rectified else 'K'} is {list(k)}; it needs nine finite numbers"
             )
@@ -142,6 +141,8 @@ class Camera:
                 f"the camera is not calibrated: its CameraInfo has size {size[0]}x{size[1]} and "
                 f"focal lengths {fx:g} and {fy:g}, which must be above 0"
             )
+        if not all(map(math.isfinite, distortion)):
+            raise CameraError(f"the coefficients D are {list(distortion)}; they must be finite")
         if any(distortion) and len(distortion) not in _MODELS.get(model, ()):
             raise CameraError(
                 f"the distortion model {model!r} with {len(distortion)} coefficients is unknown; "

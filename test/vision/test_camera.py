@@ -79,24 +79,26 @@ def test_raw_images_are_turned_into_the_frame_of_rectified_ones(model, distortio
 
 
 @pytest.mark.parametrize(
-    "wrong",
+    ("wrong", "named"),
     [
-        {"distortion": (0.1, 0.2, 0.3)},
-        {"distortion": (0.1,) * 6, "model": "rational_polynomial"},
-        {"distortion": (0.1,) * 5, "model": "equidistant"},
-        {"distortion": (0.1, 0.0), "model": "magic"},
-        {"turn": [2.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]},
-        {"turn": [1.0, 0.0]},
-        {"rectified": True},
-        {"rectified": True, "projection": [0.0] * 12},
-        {"size": (0, 0), "k": [0.0] * 9, "model": ""},
-        {"k": [0.0] * 9},
-        {"k": [math.nan, *K[1:]]},
-        {"k": K[:6]},
+        ({"distortion": (0.1, 0.2, 0.3)}, "plumb_bob"),
+        ({"distortion": (0.1,) * 6, "model": "rational_polynomial"}, "rational_polynomial"),
+        ({"distortion": (0.1,) * 5, "model": "equidistant"}, "equidistant"),
+        ({"distortion": (0.1, 0.0), "model": "magic"}, "magic"),
+        ({"distortion": (math.nan,) * 5}, "D"),
+        ({"turn": [2.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]}, "R"),
+        ({"turn": [math.nan] * 9}, "R"),
+        ({"turn": [1.0, 0.0]}, "R"),
+        ({"rectified": True}, "P"),
+        ({"rectified": True, "projection": [0.0] * 12}, "640x480"),
+        ({"size": (0, 0), "k": [0.0] * 9, "model": ""}, "0x0"),
+        ({"k": [0.0] * 9}, "640x480"),
+        ({"k": [math.nan, *K[1:]]}, "K"),
+        ({"k": K[:6]}, "K"),
     ],
 )
-def test_an_invalid_calibration_is_refused(wrong):
-    with pytest.raises(CameraError):
+def test_an_invalid_calibration_is_refused(wrong, named):
+    with pytest.raises(CameraError, match=rf"\b({named})\b"):
         Camera.from_calibration(**({"size": (640, 480), "k": K} | wrong))
 
 
