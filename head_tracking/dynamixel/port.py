@@ -415,9 +415,12 @@ class DynamixelPort:
             status, damaged = self._next(protocol)
             was_damaged = was_damaged or damaged
             if status is not None:
+                # the reply was damaged, and this is that of the next servo
+                taken = len(before) - len(self._buffer)
+                was_noise = was_damaged or (taken > instruction.size and not self._echoed)
                 is_next = status.id in instruction.behind and len(status.data) == length
-                if was_damaged and is_next:
-                    self._buffer = before  # for the next one; this one was damaged
+                if was_noise and is_next:
+                    self._buffer = before
                     break
                 if status.id != instruction.id:
                     self._note_surplus(status.id)

@@ -197,11 +197,17 @@ def test_the_late_reply_to_a_ping_is_not_taken_for_the_reply_to_the_next(model):
     assert not bench.line.overlaps
 
 
-@pytest.mark.parametrize(("model", "bulk"), [("MX-28", True), ("XM430-W350", False)])
-def test_a_servo_whose_replies_are_damaged_does_not_hide_those_of_its_neighbour(model, bulk):
+@pytest.mark.parametrize(
+    ("model", "place"),
+    [*(("MX-28", at) for at in (0, 2, 3, 6, -1)), *(("XM430-W350", at) for at in (0, 4, 5, 9, -1))],
+)
+def test_a_servo_whose_replies_are_damaged_does_not_hide_those_of_its_neighbour(model, place):
+    bulk = model == "MX-28"
+
     def damage(answer):
         data = bytearray(answer.data)
-        data[-1] ^= data[4 if model == "XM430-W350" else 2] == 1  # the id
+        if data[2 if bulk else 4] == 1:  # its id
+            data[place] ^= 8
         return [replace(answer, data=bytes(data))]
 
     servos = [SimulatedServo(each, servo_model(model), boot_time=0.0) for each in (1, 2)]
