@@ -117,12 +117,11 @@ def _latest(images: Generator[tuple[float, Pixels]]) -> Generator[tuple[float, P
     thread = threading.Thread(target=receive, name="images", daemon=True)
     thread.start()
     try:
-        while came.wait():
+        while not ending.is_set() or latest:
+            came.wait()
             came.clear()
             if latest:
                 yield latest.pop()
-            elif ending.is_set():
-                return
     finally:
         ending.set()
         thread.join()

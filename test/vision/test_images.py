@@ -1,3 +1,4 @@
+import threading
 import time
 from queue import Queue
 from types import SimpleNamespace
@@ -149,7 +150,11 @@ def test_a_slow_program_gets_the_latest_image_of_a_camera(monkeypatch):
     while stream.unfinished_tasks > 1:  # an image is done at the next grab
         time.sleep(0.001)
     assert next(images)[1] == 5
-    stream.put("end")
+    stream.put(6)
+    stream.put("end")  # such as a plug that is pulled while the program is busy
+    while any(thread.name == "images" for thread in threading.enumerate()):
+        time.sleep(0.001)
+    assert next(images)[1] == 6
     with pytest.raises(NoPictureError):
         next(images)
     assert stream.image is None  # released
