@@ -195,7 +195,8 @@ def page(request, robot, viewer, opened) -> Any:
     """The page of a robot with torque, whatever the test before has left."""
     if request.session.testsfailed != FAILED[0]:
         FAILED[0] = request.session.testsfailed
-        load_again(opened)
+        opened.reload()
+        opened.wait_for_function("window.headPage?.shownRobot && window.headPage.about")
     if viewer.robot.stop.can_resume or is_relaxed(robot):
         robot.until_done("resume")
         robot.until_done("torque_enable", True)
@@ -203,11 +204,6 @@ def page(request, robot, viewer, opened) -> Any:
     opened.evaluate("headPage.replay.opened && headPage.replay.close()")
     wait_for(lambda: word(opened) not in ("stopped", "relaxed", "replay"))
     return opened
-
-
-def load_again(page: Any) -> None:
-    page.reload()
-    page.wait_for_function("window.headPage?.shownRobot && window.headPage.about")
 
 
 def is_relaxed(robot: Robot) -> bool:
@@ -576,7 +572,6 @@ def test_a_drag_from_before_a_stop_ends(robot, camera, viewer, page, place, has_
     else:
         wait_for(lambda: asked)
         assert not any(outcome["done"] for outcome in asked)
-        load_again(page)  # it hears nothing; a new connection would come during the next drag
 
 
 def test_what_waits_to_be_sent_at_a_stop_is_not_sent_after_it(page):
