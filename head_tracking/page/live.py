@@ -77,7 +77,12 @@ class Live:
         now = time.monotonic()
         if now >= self._slow_due:
             self._slow_due = now + _SLOW_PERIOD
-            self._set_text("about", state=self._slow, failing=lambda: {"failing": self.failing})
+            self._set_text(
+                "about",
+                stops=lambda: {"stops": self._robot.stop.count},  # whatever fails
+                state=self._slow,
+                failing=lambda: {"failing": self.failing},
+            )
         self._attempt("picture", lambda: self._encode_all(topics))
 
     def point_at(self, u: float, v: float, stamp: int | None, topic: str = "") -> Vector3:
@@ -189,7 +194,6 @@ class Live:
             "modes": [str(mode) for mode in robot.modes.possible()],
             "target_text": live.target_text,
             "can_resume": robot.stop.can_resume,
-            "stops": robot.stop.count,
             "stop": "" if outcome is None else outcome.text,
             "notices": [*waiting, *shapes, *robot.notices()],
             "warnings": list(robot.topics.warnings),

@@ -39,7 +39,7 @@ class _Robot:
         self.joints = SimpleNamespace(move=None)
         self.recorder = SimpleNamespace(files=tuple)
         self.parameters = SimpleNamespace(settings=tuple)
-        self.stop = SimpleNamespace(resume=lambda: "", require=lambda stops: None)
+        self.stop = SimpleNamespace(resume=lambda: "", require=lambda stops: None, count=0)
 
     def poll(self) -> None:
         raise RuntimeError("the robot fails")
@@ -229,6 +229,11 @@ def test_what_changes_meanwhile_takes_no_click_and_no_focus(tab):
     assert tab.locator("#statuses dd").text_content() == "3"
 
 
+def test_the_number_of_stops_is_known_though_the_robot_cannot_be_observed(page, tab):
+    """Else a browser's commands would be carried out after a STOP that it has not heard of."""
+    assert json.loads(wait_for(lambda: page._live.texts["about"]))["stops"] == 0
+
+
 def test_an_empty_field_of_another_mode_does_not_keep_the_path_from_being_sent(tab):
     tab.locator("#x").evaluate("input => { input.value = ''; }")
     tab.evaluate(f"({_SHOW_ABOUT})(0, false, 'path')")
@@ -250,7 +255,7 @@ def test_a_robot_without_a_camera_is_told_from_one_whose_picture_is_late(tab):
 def test_the_card_of_a_frame_follows_none_until_one_is_chosen(tab):
     with tab.expect_request("**/head/do/mode") as asked:
         tab.evaluate("() => { headPage.steer.choose('follow a frame'); }")
-    assert asked.value.post_data_json == {"mode": "follow a frame"}
+    assert asked.value.post_data_json == {"mode": "follow a frame", "stops": 0}
 
 
 def test_the_card_of_the_mode_is_in_view_on_a_phone(tab):
