@@ -549,13 +549,24 @@ def test_a_drag_from_before_a_stop_ends(robot, camera, viewer, page, place, has_
     enabled = "document.querySelector('.slider input')?.disabled === false"
     page.wait_for_function(f"headPage.about && {enabled}")  # not so soon after the last STOP
     page.locator(place).first.scroll_into_view_if_needed()
-    box, asked = page.locator(place).first.bounding_box(), []
+    box, requests, responses = page.locator(place).first.bounding_box(), [], []
     x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"]
+    page.on("request", lambda request: "/do/" in request.url and requests.append(request))
+    page.on("response", lambda response: "/do/" in response.url and responses.append(response))
+
+    def is_quiet() -> bool:
+        """Whether all commands have been answered, and none is sent for longer than between two."""
+        number = len(requests)
+        page.evaluate("new Promise((go) => setTimeout(go, 200))")
+        return number == len(requests) == len(responses)
+
     page.mouse.move(x, y)
     page.mouse.down()
     with page.expect_request("**/head/do/*"):
         page.mouse.move(x + 20, y, steps=5)
     stops = page.evaluate("headPage.about.stops")
+    wait_for(is_quiet)
+    before = [response.json()["text"] for response in responses]
     if not has_heard:
         page.evaluate("headPage.socket.onmessage = null")
     robot.until_done("stop")
@@ -563,15 +574,17 @@ def test_a_drag_from_before_a_stop_ends(robot, camera, viewer, page, place, has_
     wait_for(lambda: viewer.robot.stop.count != stops)
     if has_heard:
         page.wait_for_function("(stops) => headPage.about.stops !== stops", arg=stops)
-    page.on("response", lambda response: "/do/" in response.url and asked.append(response.json()))
     page.mouse.move(x - 40, y, steps=5)
     page.mouse.up()
-    page.wait_for_timeout(300)
+    wait_for(is_quiet)
+    late = [response.json() for response in responses[len(before) :]]
     if has_heard:
-        assert not asked
+        assert not late
     else:
-        wait_for(lambda: asked)
-        assert not any(outcome["done"] for outcome in asked)
+        assert late
+        assert not any(one["done"] or one["text"] in before for one in late)
+        page.evaluate("headPage.socket.close()")  # now, not during the next drag
+        wait_for(lambda: page.evaluate("headPage.about.stops") == viewer.robot.stop.count)
 
 
 def test_what_waits_to_be_sent_at_a_stop_is_not_sent_after_it(page):
