@@ -357,8 +357,10 @@ class PanTiltHead:
         if pan != wanted[0]:
             beside = self._tilt(point, pan, tilt)
             tilt = tilt if beside is None else beside
-        best, step = (pan, self.tilt_limits.clamp(tilt)), 0.0 if self._nearly_square else _STEP
-        least = self._miss(point, *best)
+        best = pan, self.tilt_limits.clamp(tilt)
+        if self._nearly_square:
+            return best
+        least, step = self._miss(point, *best), _STEP
         while step > _SMALLEST_STEP:
             pan, tilt = best
             sides = [(self.pan_limits.clamp(pan + side), tilt) for side in (step, -step)]
@@ -368,8 +370,6 @@ class PanTiltHead:
                 least, best = miss, side
             else:
                 step *= 0.5
-        if self._nearly_square:
-            return best
         pan, tilt = map(turn_near, best, present, (self.pan_limits, self.tilt_limits))
         return self.pan_limits.clamp(pan), self.tilt_limits.clamp(tilt)
 
