@@ -24,13 +24,14 @@ def commands(robot: Robot, live: Live, tuning: Tuning) -> dict[str, Callable[[Fi
 
     A command raises ArithmeticError, LookupError, TypeError or ValueError if its fields are wrong,
     and HeadTrackingError if it is not carried out. Its field `stops` is the number of STOPs that
-    the browser knew; after another STOP the command is refused, unless it switches something off.
+    the browser knew (default: 0); after another STOP the command is refused, unless it switches
+    something off.
     """
     modes, joints, recorder = robot.modes, robot.joints, robot.recorder
 
     def in_time(command: Callable[[Fields], str | None], of: Fields) -> str | None:
-        if "stops" in of and of.get("mode") != Mode.OFF and of.get("on") is not False:
-            robot.stop.require(of["stops"])
+        if of.get("mode") != Mode.OFF and of.get("on") is not False:
+            robot.stop.require(of.get("stops", 0))
         return command(of)
 
     found: dict[str, Callable[[Fields], str | None]] = {

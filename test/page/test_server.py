@@ -229,6 +229,14 @@ def test_what_changes_meanwhile_takes_no_click_and_no_focus(tab):
     assert tab.locator("#statuses dd").text_content() == "3"
 
 
+def test_a_command_without_the_number_of_stops_is_from_before_the_first(robot, client, monkeypatch):
+    stops = []
+    monkeypatch.setattr(robot.stop, "require", stops.append)
+    for more in ({}, {"stops": 3}):
+        client.post("/head/do/aim", json={"joints": {}} | more)
+    assert stops == [0, 3]
+
+
 def test_the_number_of_stops_is_known_though_the_robot_cannot_be_observed(page, tab):
     """Else a browser's commands would be carried out after a STOP that it has not heard of."""
     assert json.loads(wait_for(lambda: page._live.texts["about"]))["stops"] == 0
