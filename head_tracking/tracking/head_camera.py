@@ -119,11 +119,12 @@ class HeadCamera:
     @property
     def learned(self) -> LearnedValue:
         """The corrected stamp error."""
-        _, alone = _moments(_probabilities(self._timing))  # by the points, without the prior
+        mean, alone = _moments(_probabilities(self._timing))  # by the points, without the prior
+        deviation = min(self._deviation, math.hypot(alone, mean - self.applied))
         return LearnedValue(
             self.applied,
             "s",
-            max(min(self._deviation, alone), _LEAST_DEVIATION),
+            max(deviation, _LEAST_DEVIATION),
             self._judged,
             KNOWN,
             is_given=self.parameters.camera_delay != 0.0,

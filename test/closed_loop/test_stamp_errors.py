@@ -13,15 +13,20 @@ from runs import HEAD, around, circle, from_rest, run, sine, still, swing, track
 from head_tracking.tracking import LAWS, HeadBase, LearningParameters, TargetState, Tracker
 
 ON_HEAD = replace(runs.ON_HEAD, duration=8.0)
+SMALL = {"delay": 0.6, "duration": 4.0, "servos": PlainServo(), "start": (0.0, 0.0314), "seed": 9}
 
 
 class Watched(runs.Watched):
     """A tracker; the errors that it has applied are kept."""
 
     def __init__(self, base=None):
-        self.applied = [0.0]
+        self.applied, self.learned = [0.0], []
         tracker = Tracker(HEAD, LAWS["predictive"](HEAD, 0.02), base=base)
-        super().__init__(tracker, lambda now, steered: self.applied.append(steered.camera.applied))
+        super().__init__(tracker, self.note)
+
+    def note(self, now, steered):
+        self.applied.append(steered.camera.applied)
+        self.learned.append(steered.camera.learned)
 
 
 def watch(path, conditions):
@@ -35,6 +40,8 @@ def watch(path, conditions):
         (still, -0.15, {"duration": 5.0, "seed": 7}, 0.015),
         (swing, 0.4, {"duration": 5.0, "seed": 7}, 0.015),
         (circle, 0.2, {"duration": 5.0, "seed": 7}, 0.015),
+        # a small motion, which shows the error slowly
+        (lambda t: around(0.019, 0.1), 0.6, SMALL, 0.02),
         (from_rest(1.0), 0.2, {"duration": 6.0, "servos": PlainServo()}, 0.02),  # a fast swing
         # only pan turns: that excludes the mountings with pan reversed, but not the one of tilt
         (
@@ -50,6 +57,8 @@ def test_the_error_is_found(path, late, changes, most):
     conditions = replace(ON_HEAD, **({"stamp_error": late, "field": (3.0, 3.0)} | changes))
     watched, _ = watch(path, conditions)
     assert watched.applied[-1] == pytest.approx(late, abs=most)
+    known = [each for each in watched.learned if each.source == "learned"]
+    assert all(abs(each.value - late) < 4.0 * each.deviation for each in known)
 
 
 @pytest.mark.parametrize(
