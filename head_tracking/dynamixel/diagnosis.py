@@ -40,6 +40,10 @@ _TORQUE_LOST: Final = (
     "its torque is off, but this program has not switched it off: its supply, or another "
     "program; the joint is relaxed until the next command"
 )
+_CROSSED: Final = (
+    "it was turned over the end of its scale, and would turn all round to its goal; the joint is "
+    "relaxed until the next command"
+)
 _SWITCHED_ON: Final = "another program has switched its torque on; it is relaxed again"
 
 
@@ -103,6 +107,7 @@ class _Watch:
         self.identity: ServoIdentity | None = None
         self.read_at = 0.0
         self.position = 0.0
+        self.ticks = 0  # as the servo counts them
         self.symptoms: dict[Symptom, str] = {}
         self.seen: dict[Symptom, int] = {}
         self.since: dict[str, tuple[int, int]] = {}  # ns, and the last cycle in which it held
@@ -358,6 +363,8 @@ class Diagnosis:
         if servo.model.endless:
             step = math.remainder(step, servo.model.ticks * watch.tick)
         watch.step, watch.position, watch.read_at = step, servo.position, servo.read_at
+        crossed = abs(servo.ticks - watch.ticks) > 0.75 * servo.model.ticks
+        watch.ticks = servo.ticks
         if watch.identity is not servo.identity:
             watch.identity, watch.usual_voltage, watch.step = servo.identity, servo.voltage, 0.0
         for find in _READ:
@@ -369,6 +376,10 @@ class Diagnosis:
                 self._report(watch, symptom, text)
         if not joint.on or joint.busy:
             watch.forget_motion()
+            return
+        if crossed:
+            self._report(watch, Symptom.AWAY, _CROSSED)
+            self._bus.cut(joint)
             return
         watch.error = servo.calibration.position(joint.goal_ticks[watch.index]) - servo.position
         asked = joint.default_speed if joint.goal_speed is None else joint.goal_speed

@@ -48,12 +48,13 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
     if powered and not servo.get("Torque Enable"):
         raise ServoError(f"servo {servo.id} has lost its torque, so it stays relaxed")
     servo.confirmed = False
+    allowed = allowed or servo.range
     if not powered:
         yield from servo.check_settings()
     yield from servo.switch_watchdog(False)  # a tripped watchdog refuses goals
     before = servo.get("Present Position")
     if not powered:
-        require_straight_path(servo, before)
+        require_straight_path(servo, before, allowed)
     yield 0.0
     goal = yield from _write_slow_goal(servo, before, allowed)
     yield from servo.switch_torque(True)
@@ -74,17 +75,20 @@ def pin(servo: Servo, allowed: tuple[int, int] | None = None, powered: bool = Fa
     return goal
 
 
-def _write_slow_goal(servo: Servo, ticks: int, allowed: tuple[int, int] | None) -> Steps[int]:
+def _write_slow_goal(servo: Servo, ticks: int, allowed: tuple[int, int]) -> Steps[int]:
     """Write a goal, moved into the range, with the lowest speed; return it, in ticks."""
-    lowest, highest = allowed or servo.range
+    lowest, highest = allowed
     goal, model = max(lowest, min(highest, ticks)), servo.model
     values = model.goal_values((goal, model.speed_minimum, 0))
     yield from servo.verify(model.goal, *values)
     return goal
 
 
-def require_straight_path(servo: Servo, ticks: int) -> None:
+def require_straight_path(servo: Servo, ticks: int, allowed: tuple[int, int]) -> None:
     """Refuse a position, in ticks, from which a relaxed servo could turn in the wrong direction.
+
+    `allowed`: lowest and highest tick for its goals. Both servos of a joint must have the same one,
+    as angles; otherwise they could turn back in opposite directions.
 
     With torque on, a servo turns towards higher ticks for a higher goal. Beyond the end of its
     scale that way leads all round. So a shaft that is more than half a turn from the middle of its
@@ -95,7 +99,7 @@ def require_straight_path(servo: Servo, ticks: int) -> None:
     Raises:
         ServoError: It is such a position.
     """
-    lowest, highest = servo.range
+    lowest, highest = allowed
     last = servo.model.ticks - 1
     turn = 2.0 * math.pi / servo.model.radians_per_tick  # in ticks
     far = abs(2 * ticks - lowest - highest) > turn

@@ -1,5 +1,6 @@
 """Torque comes on only where no way to a goal crosses the seam of the encoder's scale."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import pytest
@@ -11,6 +12,7 @@ from head_tracking.dynamixel import (
     BusReading,
     EventKind,
     Goal,
+    GoalError,
     JointConfiguration,
     ServoCalibration,
     Torque,
@@ -192,6 +194,20 @@ def test_no_servo_overshoots_the_end_of_its_scale_at_full_speed(name, low, dista
     assert rig.lowest >= 0 and rig.highest <= 4095
 
 
+@pytest.mark.parametrize("name", ["AX-12", "MX-28", "STS3215"])
+def test_a_servo_that_is_pushed_over_the_end_of_its_scale_does_not_turn_all_round(name):
+    ticks = servo_model(name).ticks
+    rig = Led(Case(name, 0, ticks // 2, ticks // 4, None, ticks // 20, ()))
+    rig.lead(rig.case.start)
+    rig.go(rig.joint.position(ticks // 20))
+    rig.servos[0].lead(-0.15 * ticks, 0.3, 50.0)
+    for _ in range(100):
+        with suppress(GoalError):
+            rig.bus.command({"j": Goal(0.0, 4.0)})
+        rig.step()
+    assert rig.lowest >= -0.2 * ticks and not any(rig.torque)
+
+
 SEAM = [
     Case("XM430-W350", 3000, 4095, 3500, None, 4199, (0.1,)),
     Case("XM430-W350", 0, 900, 500, None, -140, (0.9,), True),
@@ -213,6 +229,15 @@ def test_torque_beyond_the_seam_is_refused_until_the_shaft_is_turned_back(case):
         run(rig.bus.switching_torque(None, True))
     rig.lead((case.low + case.high) // 2)
     run(rig.bus.switching_torque(None, True))
+
+
+def test_two_servos_do_not_turn_back_in_opposite_directions_after_limits_were_narrowed():
+    rig = Led(Case("MX-28", 3056, 4095, 3556, 2900, 3500, ()))
+    rig.lead(5443)
+    rig.bus.joint("j").reconfigure(3126, 3556)
+    with pytest.raises(TorqueError):
+        run(rig.bus.switching_torque(None, True))
+    assert not any(rig.torque)
 
 
 @pytest.mark.parametrize(

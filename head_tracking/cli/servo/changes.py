@@ -153,7 +153,7 @@ def _switch_torque_on(session: Session, servo: Servo) -> None:
     low, high = _range(servo)
     position = servo.get("Present Position")
     try:
-        require_straight_path(servo, position)
+        require_straight_path(servo, position, servo.range)
     except ServoError as refusal:
         raise RefusedError(f"{refusal}, or cycle its power") from refusal
     if not low <= position <= high:
