@@ -291,7 +291,8 @@ class HeadModes:
     def _enable(self, name: str, on: bool) -> None:
         """Enable or disable a node that is not so yet, and wait until it has published that."""
         service = f"{name}/enable"
-        if self._services.offered(service) and self._topics.enabled(name) is not on:
+        is_so = self._topics.enabled(name) is on and not self._stop.stopped  # until `resume` only
+        if self._services.offered(service) and not is_so:
             self._services.switch(service, on)
             before, late = not on, f"{name} is still {'disabled' if on else 'enabled'}."
             _wait(lambda: self._topics.enabled(name) is not before, late)

@@ -6,7 +6,7 @@ from geometry_msgs.msg import PointStamped
 from rig import DEGREE, bearing
 from robot_under_test import Robot
 from viewing import view
-from waiting import wait_for
+from waiting import PATIENCE, wait_for
 
 from head_tracking.calibration import Calibration, gathering
 from head_tracking.exceptions import HeadTrackingError
@@ -120,7 +120,12 @@ def test_the_head_looks_along_a_path_at_its_speed(robot, seen):
     x, y, z = to_base @ seen.observe().target
     assert (x, z) == pytest.approx(((to_base @ ends[0])[0], (to_base @ ends[0])[2]), abs=1e-6)
     assert abs(y) <= 0.4 + 1e-6
+    assert seen.stop.begin().wait(PATIENCE).done
+    wait_for(lambda: seen.stop.stopped)
     seen.modes.set_mode(Mode.OFF)
+    seen.stop.resume()
+    wait_for(lambda: not seen.stop.stopped)
+    assert set(seen.stop.owners.values()) == {""}
     assert seen.modes.mode() is Mode.OFF
 
 
