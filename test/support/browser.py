@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from waiting import PATIENCE
+from waiting import PATIENCE, wait_for
 
 # WebGL is computed; everything else is drawn without it, which is faster
 _ARGUMENTS = ("--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--mute-audio")
@@ -95,13 +95,19 @@ def choose(page: Any, menu: str, option: str) -> None:
 
 
 def choose_mode(page: Any, mode: str) -> None:
-    """Press the card of a mode, once that is possible, and wait until the robot has it."""
+    """Press the card of a mode, again where a busy robot refuses, and wait until it has it."""
     card = page.locator(f'#cards button[data-mode="{mode}"]')
     page.wait_for_function(
         "mode => document.querySelector(`#cards button[data-mode='${mode}']`)?.disabled === false",
         arg=mode,
     )
-    card.dispatch_event("click")
+
+    def is_accepted() -> bool:
+        with page.expect_response("**/head/do/mode") as answer:
+            card.dispatch_event("click")
+        return answer.value.json()["done"]
+
+    wait_for(is_accepted)
     page.locator(f'#cards button[data-mode="{mode}"][aria-pressed=true]').wait_for()
 
 
