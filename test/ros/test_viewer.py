@@ -568,7 +568,7 @@ def test_a_drag_from_before_a_stop_ends(robot, camera, viewer, page, place, has_
     wait_for(is_quiet)
     before = [response.json()["text"] for response in responses]
     if not has_heard:
-        page.evaluate("headPage.socket.onmessage = null")
+        page.evaluate("headPage.showAbout = () => {}")
     robot.until_done("stop")
     robot.until_done("resume")  # at once, so that the page seldom shows the STOP
     wait_for(lambda: viewer.robot.stop.count != stops)
@@ -583,7 +583,7 @@ def test_a_drag_from_before_a_stop_ends(robot, camera, viewer, page, place, has_
     else:
         assert late
         assert not any(one["done"] or one["text"] in before for one in late)
-        page.evaluate("headPage.socket.close()")  # now, not during the next drag
+        page.evaluate("delete headPage.showAbout")
         wait_for(lambda: page.evaluate("headPage.about.stops") == viewer.robot.stop.count)
 
 
