@@ -3,6 +3,7 @@
 import csv
 import math
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 
 import pytest
@@ -34,7 +35,10 @@ def test_every_register_is_read_as_the_servo_holds_it_and_holds_what_the_vendor_
     link = Servo(bench.port, 1, model)
     alone = {register.name: link.get(register.name) for register in model.control_table}
     together = {register.name: value for register, value in link.registers()}
+    facts = attrgetter("address", "size", "signed", "writable", "eeprom")
+    vendors = {r.name: r for r in registers_of(model.name, servo.register("Firmware Version"))}
     for register in model.control_table:
+        assert facts(register) == facts(vendors[register.name]), register.name
         assert alone[register.name] == servo.register(register.name), register.name
         assert together[register.name] == alone[register.name], register.name
         if register.initial is not None:
