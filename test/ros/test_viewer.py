@@ -499,6 +499,11 @@ def test_a_newcomer_is_welcomed_once_and_can_stop_meanwhile(robot, viewer, brows
             if len(titles) == 2:
                 page.keyboard.press("Escape")  # the welcome says that it is STOP
                 wait_for(lambda: is_relaxed(robot))
+                page.locator("#toast").wait_for()
+                toast, button = (
+                    page.locator(f"#{n}").bounding_box() for n in ("toast", "welcome-next")
+                )
+                assert toast["y"] + toast["height"] < button["y"], "it covers what to press"
             press(page, "Next") if len(titles) < 3 else press(page, "Begin")
         assert len(set(titles)) == 3
         page.locator("#welcome").wait_for(state="hidden")
