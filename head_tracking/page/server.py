@@ -120,7 +120,7 @@ class Page:
         self._replays = Replays(robot)
         self._limit = parameters.max_browsers
         self.browsers: dict[WebSocket, _Watcher] = {}
-        self._sampled = asyncio.Event()
+        self._sampled, self._arrived = asyncio.Event(), asyncio.Event()
         self._next_turn, self._requests = 0.0, 0
         self._uploads = asyncio.Semaphore(_UPLOADS)
         self._stopping: tuple[Attempt, asyncio.Future[None]] | None = None
@@ -170,16 +170,18 @@ class Page:
         """Sample the robot for all browsers; while none watches, only receive what has come."""
         loop = asyncio.get_running_loop()
         while True:
+            self._arrived.clear()
             start, watchers = time.monotonic(), list(self.browsers.values())
             if watchers:
                 topics = {one.topic for one in watchers if one.topic is not None}
                 await loop.run_in_executor(None, self._live.sample, topics)
                 self._sampled.set()
                 self._sampled = asyncio.Event()
+                await asyncio.sleep(max(start + _PERIOD - time.monotonic(), 0.1 * _PERIOD))
             else:
                 await loop.run_in_executor(None, self._live.poll)
-            period = _PERIOD if watchers else _UNWATCHED
-            await asyncio.sleep(max(start + period - time.monotonic(), 0.1 * period))
+                with contextlib.suppress(asyncio.TimeoutError):
+                    await asyncio.wait_for(self._arrived.wait(), _UNWATCHED)
 
     def _routes(self) -> list[BaseRoute]:
         robot, live, replays = self._robot, self._live, self._replays
@@ -287,6 +289,7 @@ class Page:
             await browser.close(4008, "too many browsers watch this robot (max_browsers)")
             return
         watcher = self.browsers[browser] = _Watcher()
+        self._arrived.set()
         sending = asyncio.create_task(self._send(browser, watcher))
         try:
             while watcher.receive(await browser.receive_text()):

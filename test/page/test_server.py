@@ -327,8 +327,9 @@ def test_each_card_says_why_its_part_cannot_be_shown_and_the_rest_is(
             assert tab.locator(f"#{card} .failing").text_content()
 
 
-def test_more_browsers_than_allowed_are_refused_until_one_goes(page):
+def test_more_browsers_than_allowed_are_refused_until_one_goes(page, monkeypatch):
     wait_for(lambda: not page.browsers)
+    monkeypatch.setattr(server, "_UNWATCHED", 1e3)  # s; the first one does not wait for that
     with watch(page) as first, watch(page) as second:
         until(first, "state")
         until(second, "state")
