@@ -118,7 +118,7 @@ class BusThread:
             BusStoppedError: The bus has stopped, or the port is not free in time.
         """
         if not self._owner.acquire(timeout=timeout):
-            raise BusStoppedError(f"the port {self.bus.port.name} was not free for {timeout} s")
+            raise BusStoppedError(f"the port {self.bus.port.name} was not free for {timeout:.2f} s")
         try:
             if self._requests.closed:
                 raise BusStoppedError("the servo bus has stopped")
