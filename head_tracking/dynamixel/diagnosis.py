@@ -363,7 +363,7 @@ class Diagnosis:
         if servo.model.endless:
             step = math.remainder(step, servo.model.ticks * watch.tick)
         watch.step, watch.position, watch.read_at = step, servo.position, servo.read_at
-        crossed = abs(servo.ticks - watch.ticks) > 0.75 * servo.model.ticks
+        crossed = watch.elapsed < 0.1 and abs(servo.ticks - watch.ticks) > 0.75 * servo.model.ticks
         watch.ticks = servo.ticks
         if watch.identity is not servo.identity:
             watch.identity, watch.usual_voltage, watch.step = servo.identity, servo.voltage, 0.0

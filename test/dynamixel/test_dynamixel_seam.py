@@ -208,6 +208,18 @@ def test_a_servo_that_is_pushed_over_the_end_of_its_scale_does_not_turn_all_roun
     assert rig.lowest >= -0.2 * ticks and not any(rig.torque)
 
 
+def test_a_servo_that_crossed_its_whole_scale_while_unplugged_holds_where_it_is():
+    rig = Led(Case("MX-28", 40, 4055, 2048, None, 80, ()))
+    rig.lead(rig.case.start)
+    rig.go(rig.joint.position(100))
+    rig.go(rig.joint.position(4000), 3)
+    rig.bench.line.plugged = False
+    rig.step(200)
+    rig.bench.line.plugged = True
+    rig.step(30)
+    assert rig.torque == [1] and rig.servos[0].true_ticks > 3900
+
+
 SEAM = [
     Case("XM430-W350", 3000, 4095, 3500, None, 4199, (0.1,)),
     Case("XM430-W350", 0, 900, 500, None, -140, (0.9,), True),
