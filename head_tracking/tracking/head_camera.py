@@ -59,6 +59,7 @@ _LOOKED_BACK = 1.2  # s; points are scored if a joint
 _TURNED = 0.02  # rad; has turned by this in that time
 _KEPT = 8  # points that are kept from before the head turns
 _RECENT, _MOST_RECENT = 1.0, 64  # s and points that are corrected again
+_INTERRUPTED = 1.0  # s without points; the camera may have restarted, with another delay
 _AHEAD = 1.0  # s; points stamped later than this after the latest reading are not scored
 _SLOPE = 0.03  # s before and after a stamp, for the speed of a joint
 _RANGE_SHARE = 0.2  # weight of a measured distance in the mean distance
@@ -154,6 +155,8 @@ class HeadCamera:
         ray = self._head.seen(in_base, pan, tilt)
         latest = self._readings.latest
         if latest is not None and self._came < stamp < latest.stamp + _AHEAD:
+            if stamp - self._came > _INTERRUPTED:
+                self._bank.doubt()
             self._came = stamp
             self._recent.append((stamp, ray))
             if self._is_learning:
@@ -246,7 +249,7 @@ class HeadCamera:
             while len(waiting) > _KEPT or (waiting and waiting[0][0] < latest - _LOOKED_BACK):
                 waiting.popleft()
             return False
-        is_confirmed = self._deviation < _EXACT
+        is_confirmed = self._bank.explains and self._deviation < _EXACT
         every = _OFTEN if not is_confirmed or self._tells_mountings(turned) else _SELDOM
         while waiting and waiting[0][0] <= latest:
             stamp, ray = waiting.popleft()

@@ -26,6 +26,7 @@ _DEGREES = 4.0  # of freedom of the t distribution, which limits the effect of o
 _GATE = 30.0  # squared deviations from the nearest prediction; farther points are skipped
 _SKIPPED = 3  # skipped points in a row; after more the filters restart
 _GAP = 1.0  # s
+_DOUBT = 3.0  # lowest score after `doubt`
 _LEAST = -4.0  # lowest score of one point, relative to the best hypothesis
 _EXPLAINED = 2.0  # mean squared deviations of a bearing; above, the target moves as no filter does
 _SHARE = 0.6  # factor on the score of a point: consecutive points are not independent
@@ -65,6 +66,11 @@ class HypothesisBank:
         self._skipped = 0
         self._off = 1.0  # mean squared deviations of a bearing from the best prediction
         self._begin(np.zeros((2, count)), np.ones((2, len(_JITTER), 1)))
+
+    @property
+    def explains(self) -> bool:
+        """Whether the best hypothesis predicts the bearings."""
+        return self._off < 2.0 * _EXPLAINED
 
     def add(self, stamp: float, bearings: Array, speeds: Array, rate: float) -> None:
         """Score the hypotheses by a point, and update the filters.
@@ -121,6 +127,10 @@ class HypothesisBank:
             np.maximum(aa - ka * pa, 0.0),
         )
 
+    def doubt(self) -> None:
+        """Keep less of what the points have shown: another hypothesis may be true from now on."""
+        self.scores = np.maximum(self.scores, -_DOUBT)
+
     def keep(self, chosen: npt.NDArray[np.bool_]) -> None:
         """Drop all other hypotheses."""
         self.scores = self.scores[chosen]
@@ -152,7 +162,8 @@ class HypothesisBank:
         winner = int(self.scores.argmax())
         off = 0.5 * float(squares[self._weights[:, winner].argmax(), winner])
         self._off += (1.0 - kept) * (min(off, _GATE) - self._off)
-        mixed = np.maximum(mixed - mixed.max(), _LEAST) / max(1.0, self._off / _EXPLAINED)
-        distinct = min(1.0, 2.0 * float(mixed.std()))
-        scores = math.exp(-dt * distinct / _MEMORY) * self.scores + _SHARE * mixed
+        unexplained = max(1.0, self._off / _EXPLAINED)
+        mixed = np.maximum(mixed - mixed.max(), _LEAST)
+        distinct = min(unexplained, 2.0 * float(mixed.std()))
+        scores = math.exp(-dt * distinct / _MEMORY) * self.scores + _SHARE / unexplained * mixed
         self.scores = scores - scores.max()
