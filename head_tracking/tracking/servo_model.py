@@ -417,7 +417,8 @@ class ShaftModel:
         self._best = int(by_band.argmax())
         self._band = _statistics(by_band, _BANDS)
         limit, spread = _statistics(by_limit, np.log(_LIMITS))
-        self._acceleration = math.exp(limit), spread * math.exp(limit)
+        is_limited = by_limit[-1] < 0.5
+        self._acceleration = math.exp(limit), spread * math.exp(limit) if is_limited else math.inf
         best = int(by_delay.argmax())
         if 0 < best < _CELLS - 1 and float(by_delay[best - 1 : best + 2].sum()) > _NARROW:
             # narrower than the grid: the vertex of the parabola through three scores

@@ -100,12 +100,16 @@ def jumps(t):
     return around((-0.4, 0.3, 0.0, 0.5)[int(t / 2.0) % 4])
 
 
-@pytest.mark.parametrize("acceleration", [5.0, 8.0])
+@pytest.mark.parametrize("acceleration", [5.0, 8.0, 60.0])
 def test_the_acceleration_of_a_weak_servo_is_learned(acceleration):
-    steered, weak = tracker(), PlainServo(acceleration=acceleration)
-    run(jumps, replace(BESIDE, duration=14.0, servos=weak), steered)
+    """A high one is not observable."""
+    steered, servo = tracker(), PlainServo(acceleration=acceleration)
+    run(jumps, replace(BESIDE, duration=14.0, servos=servo), steered)
     learned = steered.learned["head_pan_joint: acceleration"]
-    assert learned.value == pytest.approx(acceleration, rel=0.1)
+    if acceleration < 10.0:
+        assert learned.value == pytest.approx(acceleration, rel=0.1)
+    else:
+        assert learned.source == "not observable"
 
 
 def test_each_joint_is_predicted_at_its_own_delay():
