@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict
 from pathlib import Path
 from typing import Final
 
@@ -35,7 +34,8 @@ class ServoMemory:
     def save(self, values: Mapping[str, ServoValues]) -> None:
         """Keep values, by joint; where files cannot be written, nothing is kept."""
         for joint in self._servos.keys() & values.keys():
-            text = yaml.safe_dump({name: float(getattr(values[joint], name)) for name in _KEPT})
+            kept = {name: getattr(values[joint], name) for name in _KEPT}
+            text = yaml.safe_dump({name: kept[name] and float(kept[name]) for name in _KEPT})
             with suppress(OSError):
                 self._folder.mkdir(parents=True, exist_ok=True)
                 write_file(self._file(joint), text)
@@ -54,10 +54,14 @@ class ServoMemory:
     def _read(file: Path) -> ServoValues | None:
         try:
             found = yaml.safe_load(file.read_text())
+            band = found["dead_band"]
+            numbers = [float(found[name]) for name in _KEPT if found[name] is not None]
             values = ServoValues(
-                **{name: float(found[name]) for name in _KEPT}, saved=file.stat().st_mtime
+                float(found["delay"]),
+                float(found["deviation"]),
+                band and float(band),
+                saved=file.stat().st_mtime,
             )
         except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError):
             return None
-        numbers = asdict(values).values()
         return values if all(0.0 <= number < math.inf for number in numbers) else None

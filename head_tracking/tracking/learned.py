@@ -79,13 +79,13 @@ class ServoValues:
     Attributes:
         delay: from a command to the motion it causes [s].
         deviation: standard deviation of the delay [s].
-        dead_band: how far the shaft stays behind the set-point [rad].
+        dead_band: how far the shaft stays behind the set-point [rad]; None: not observed.
         saved: when they were saved [s, as time.time()]; -inf: not yet.
     """
 
     delay: float
     deviation: float
-    dead_band: float
+    dead_band: float | None
     saved: float = field(default=-math.inf, compare=False)
 
 

@@ -149,7 +149,7 @@ class ShaftModel:
             at,
             _INFORMED * _BAND_DEVIATION,
             is_given=self.parameters.servo_dead_band > 0.0,
-            is_saved=is_saved,
+            is_saved=saved is not None and saved.dead_band is not None,
             is_frozen=frozen,
         )
         acceleration = LearnedValue(
@@ -178,7 +178,9 @@ class ShaftModel:
         """The estimates to save; None: the deviation of the delay is too large."""
         if self.learned == -math.inf or self.deviation > KNOWN:
             return None
-        return ServoValues(self.mean, self.deviation, self._band[0])
+        band = self.values["dead band"]
+        observed = self._band[0] if band.deviation < band.known else None
+        return ServoValues(self.mean, self.deviation, observed)
 
     def expect(self, saved: ServoValues | None) -> None:
         """Start with values of an earlier run; they count until motion contradicts them."""
@@ -187,8 +189,9 @@ class ShaftModel:
         if saved is not None:
             spread = max(saved.deviation, _SAVED_DELAY)
             off = ((_DELAYS - saved.delay) / spread) ** 2
-            bands = ((_BANDS - saved.dead_band) / _SAVED_BAND) ** 2
-            self._expected += np.maximum(-0.5 * (off + bands[:, None, None]), -_TRUST)
+            if saved.dead_band is not None:
+                off = off + (((_BANDS - saved.dead_band) / _SAVED_BAND) ** 2)[:, None, None]
+            self._expected += np.maximum(-0.5 * off, -_TRUST)
         self._posterior()
         self.delay = self.parameters.servo_delay or self.mean
 

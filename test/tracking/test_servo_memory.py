@@ -28,6 +28,8 @@ def test_a_head_that_knows_its_servos_tracks_well_at_once(head):
     _, first = follow(head, LATE)
     (saved,) = first.law.to_save.values()  # not of the tilt servo, which has hardly moved
     assert saved.delay == pytest.approx(0.1, abs=0.03)
+    band = first.law.servos[head.pan_joint].values["dead band"]
+    assert (saved.dead_band is None) == (band.source == "not observable")
     fresh, _ = follow(head, LATE, duration=1.5, start=(0.1, 0.0))
     knowing, again = follow(head, LATE, saved, duration=1.5, start=(0.1, 0.0))
     assert knowing.rms < 0.9 * fresh.rms
@@ -127,6 +129,12 @@ def test_delay_dead_band_and_acceleration_are_learned_or_called_not_observable(h
 
 def test_what_is_known_from_an_earlier_run_says_so_and_has_an_age(head, tmp_path):
     memory = ServoMemory({"pan": "usb-FTDI_A1 AX-12 1"}, tmp_path)
+    unknown = replace(VALUES, dead_band=None)
+    memory.save({"pan": unknown})
+    assert memory.load() == {"pan": unknown}
+    law = LAWS["predictive"](head, 0.02)
+    law.expect({head.pan_joint: unknown})
+    assert law.servos[head.pan_joint].values["dead band"].source == "not observable"
     memory.save({"pan": VALUES})
     saved = memory.load()["pan"]
     law = LAWS["predictive"](head, 0.02)
