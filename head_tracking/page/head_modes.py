@@ -122,8 +122,9 @@ class HeadModes:
         self._timer.cancel()
 
     def mode(self) -> Mode:
-        """Return the mode by the nodes that are enabled."""
-        if self._is_enabled(TRACKER):
+        """Return the mode by the nodes that are enabled; during a STOP that which goes on then."""
+        goes_on = self._stop.stopped and any(map(self._is_enabled, SENDERS))
+        if goes_on or self._is_enabled(TRACKER):
             if self._is_enabled(VISUAL):
                 follow = self.value(VISUAL, "follow")
                 return next((mode for mode, one in _FOLLOWS.items() if one == follow), Mode.VISUAL)

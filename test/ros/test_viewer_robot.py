@@ -120,9 +120,12 @@ def test_the_head_looks_along_a_path_at_its_speed(robot, seen):
     x, y, z = to_base @ seen.observe().target
     assert (x, z) == pytest.approx(((to_base @ ends[0])[0], (to_base @ ends[0])[2]), abs=1e-6)
     assert abs(y) <= 0.4 + 1e-6
+    seen.modes.set_mode(Mode.FICTITIOUS)
     assert seen.stop.begin().wait(PATIENCE).done
-    wait_for(lambda: seen.stop.stopped)
+    wait_for(lambda: seen.stop.stopped and not seen.topics.enabled("head_tracker"))
+    assert seen.modes.mode() is Mode.FICTITIOUS  # which `resume` would go on with
     seen.modes.set_mode(Mode.OFF)
+    assert seen.modes.mode() is Mode.OFF
     seen.stop.resume()
     wait_for(lambda: not seen.stop.stopped)
     assert set(seen.stop.owners.values()) == {""}
