@@ -42,7 +42,7 @@ _TORQUE_LOST: Final = (
 )
 _CROSSED: Final = (
     "it was turned over the end of its scale, and would turn all round to its goal; the joint is "
-    "relaxed until the next command"
+    "relaxed: turn it back by hand, then switch its torque on"
 )
 _SWITCHED_ON: Final = "another program has switched its torque on; it is relaxed again"
 
@@ -379,6 +379,7 @@ class Diagnosis:
             return
         if crossed:
             self._report(watch, Symptom.AWAY, _CROSSED)
+            joint.relaxed = True  # a stream of commands would switch it on
             self._bus.cut(joint)
             return
         watch.error = servo.calibration.position(joint.goal_ticks[watch.index]) - servo.position

@@ -195,9 +195,10 @@ def test_no_servo_overshoots_the_end_of_its_scale_at_full_speed(name, low, dista
 
 
 @pytest.mark.parametrize("name", ["AX-12", "MX-28", "STS3215"])
-def test_a_servo_that_is_pushed_over_the_end_of_its_scale_does_not_turn_all_round(name):
+@pytest.mark.parametrize("high", [0.5, 0.97])
+def test_a_servo_that_is_pushed_over_the_end_of_its_scale_does_not_turn_all_round(name, high):
     ticks = servo_model(name).ticks
-    rig = Led(Case(name, 0, ticks // 2, ticks // 4, None, ticks // 20, ()))
+    rig = Led(Case(name, ticks // 40, round(high * ticks), ticks // 4, None, ticks // 20, ()))
     rig.lead(rig.case.start)
     rig.go(rig.joint.position(ticks // 20))
     rig.servos[0].lead(-0.15 * ticks, 0.3, 50.0)
@@ -206,6 +207,7 @@ def test_a_servo_that_is_pushed_over_the_end_of_its_scale_does_not_turn_all_roun
             rig.bus.command({"j": Goal(0.0, 4.0)})
         rig.step()
     assert rig.lowest >= -0.2 * ticks and not any(rig.torque)
+    assert rig.bus.joint("j").torque is Torque.OFF_ON_REQUEST
 
 
 def test_a_servo_that_crossed_its_whole_scale_while_unplugged_holds_where_it_is():
