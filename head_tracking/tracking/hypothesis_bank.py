@@ -162,8 +162,7 @@ class HypothesisBank:
         winner = int(self.scores.argmax())
         off = 0.5 * float(squares[self._weights[:, winner].argmax(), winner])
         self._off += (1.0 - kept) * (min(off, _GATE) - self._off)
-        unexplained = max(1.0, self._off / _EXPLAINED)
-        mixed = np.maximum(mixed - mixed.max(), _LEAST)
-        distinct = min(unexplained, 2.0 * float(mixed.std()))
-        scores = math.exp(-dt * distinct / _MEMORY) * self.scores + _SHARE / unexplained * mixed
+        mixed = np.maximum(mixed - mixed.max(), _LEAST) / max(1.0, self._off / _EXPLAINED)
+        distinct = min(1.0, 2.0 * float(mixed.std()))
+        scores = math.exp(-dt * distinct / _MEMORY) * self.scores + _SHARE * mixed
         self.scores = scores - scores.max()
