@@ -492,7 +492,7 @@ class Head:
         servo_delay: float = 0.0,
         servo_dead_band: float = 0.0,
         servo_acceleration: float = 0.0,
-        camera_delay: float = 0.0,
+        camera_delay: float | None = None,
     ) -> None:
         """Choose what tracking learns: "learn", "freeze" (use and keep) or "forget" (learn anew).
 
@@ -503,7 +503,8 @@ class Head:
             servo_delay: from a command to the motion [s], given by hand; 0: learned.
             servo_dead_band: how far a servo stays behind its goal [rad], likewise.
             servo_acceleration: how hard a servo accelerates its joint [rad/s^2], likewise.
-            camera_delay: by how much the stamps of a camera on the head are too late [s], likewise.
+            camera_delay: by how much the stamps of a camera on the head are too late [s], given by
+                hand; 0: they are right; None: learned.
 
         Raises:
             ValueError: there is no such mode, or a value is out of its range.
@@ -515,8 +516,9 @@ class Head:
             "servo_delay": servo_delay,
             "servo_dead_band": servo_dead_band,
             "servo_acceleration": servo_acceleration,
-            "camera_delay": camera_delay,
         }
+        if camera_delay is not None:
+            given["camera_delay"] = camera_delay
         learning = changed(changed(LearningParameters(), both), given)
         with self._control.lock:
             self._tracking.tune(TrackingSettings(learning=learning))

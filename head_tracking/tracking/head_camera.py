@@ -111,7 +111,8 @@ class HeadCamera:
     @property
     def applied(self) -> float:
         """The stamp error that is corrected [s]."""
-        return self.parameters.camera_delay or self._applied
+        given = self.parameters
+        return given.camera_delay if given.has_camera_delay else self._applied
 
     @property
     def _is_learning(self) -> bool:
@@ -128,7 +129,7 @@ class HeadCamera:
             max(deviation, _LEAST_DEVIATION),
             self._judged,
             KNOWN,
-            is_given=self.parameters.camera_delay != 0.0,
+            is_given=self.parameters.has_camera_delay,
             is_frozen=not self._is_learning,
         )
 
@@ -162,7 +163,7 @@ class HeadCamera:
             if self._is_learning:
                 self.waiting.append((stamp, ray))
                 self._judge()
-        estimated = self._is_learning and not self.parameters.camera_delay
+        estimated = self._is_learning and not self.parameters.has_camera_delay
         self.is_unsure = estimated and self._is_uncertain and bool(self._turned().any())
         if self.is_unsure:
             return stamp - self.applied, self._mean_place(stamp, ray)

@@ -17,6 +17,7 @@ class Learning(StrEnum):
     FORGET = "forget"
 
 
+_ESTIMATED = -0.2  # s; a `camera_delay` that gives none
 _MODES = "learn, freeze (use and keep what was learned) or forget (discard it and learn anew)."
 
 
@@ -56,13 +57,18 @@ class LearningParameters:
         maximum=500.0,
     )
     camera_delay: float = parameter(
-        0.0,
-        "By how much the stamps of a camera on the head are too late; 0: estimated while the head "
-        "moves.",
+        _ESTIMATED,
+        "By how much the stamps of a camera on the head are too late; 0: they are right; "
+        f"{_ESTIMATED:g}: estimated while the head moves.",
         unit="s",
-        minimum=-0.2,
+        minimum=_ESTIMATED,
         maximum=0.9,
     )
+
+    @property
+    def has_camera_delay(self) -> bool:
+        """Whether the camera's delay is given."""
+        return self.camera_delay > _ESTIMATED
 
 
 _UNITS = (86_400.0, "days"), (3600.0, "h"), (60.0, "min"), (1.0, "s")

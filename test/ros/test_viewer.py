@@ -389,6 +389,7 @@ def test_learned_values_are_frozen_given_and_learned_again_on_the_tab_health(rob
             "(one, share) => { one.value = share; one.dispatchEvent(new Event('change')); }", share
         )
         wait_for(lambda given=given: node.get_parameter("camera_delay").value == given)
+    wait_for(lambda: "0 s, given" in (values.text_content() or ""))
 
 
 def test_what_protects_the_servos_asks_and_no_browser_shows_a_value_that_is_not_set(
