@@ -2,12 +2,10 @@
 
 import math
 import os
-import random
 import signal
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, contextmanager
-from functools import partial
+from contextlib import closing
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -18,18 +16,14 @@ from waiting import repeating, wait_for
 
 STILL = 0.015  # rad: a joint that is relaxed moves on a little
 SLOW = 0.6  # rad/s
-STOPS = 3  # of each kind of clients
 NODES = ("joint_state_publisher", "robot_state_publisher", "head_tracker")
-CALLS = [
+REFUSED = [
     ("torque_enable", True),
     ("head_pan_controller/torque_enable", True),
     ("head_tracker/enable", True),
     ("head_tracker/recenter", None),
     ("recover", None),
     ("head_pan_controller/start", None),
-]
-REFUSED = [
-    *CALLS,
     ("servo_bus/torque_enable", True),
     ("head_pan_controller/recover", None),
     ("head_pan_controller/restart", None),
@@ -240,67 +234,6 @@ def test_stop_is_answered_while_other_services_are_busy(bench, person):
         person.until_done("stop")
         assert bench.servos.torque == [0, 0]
     assert all(future.result() for future in busy)
-
-
-# clients that ask for anything at any time
-
-
-def ask_for_something(person, rnd):
-    """One request or message of those that move a head that is not stopped."""
-    position = rnd.uniform(-1.0, 1.0)
-    message = JointState(name=list(JOINTS), position=[position, 0.0])
-    message.header.frame_id = rnd.choice(("/other", "/head_tracker#0", "/head_tracker#1", ""))
-    acts = [partial(person.call, *words) for words in CALLS]
-    acts += [partial(person.publish, f"joint_{kind}", message) for kind in ("commands", "claims")]
-    acts.append(partial(person.command, "head_pan_controller", position))
-    acts.append(partial(person.look_at, 2.0, math.sin(position), 0.5))
-    rnd.choice(acts)()
-
-
-def enable_everything(person, _):
-    person.call("head_tracker/enable", True)
-    person.call("torque_enable", True)
-    time.sleep(0.05)
-
-
-@contextmanager
-def clients(bench, *acts):
-    """Each act again and again, in a thread and with a node of its own."""
-    errors = []
-
-    def run(act, person):
-        try:
-            act(person)
-        except AssertionError as error:
-            errors.append(error)
-
-    with repeating(*(partial(run, act, bench.meet("")) for act in acts)):
-        yield
-    assert not errors
-
-
-def stop_and_resume(bench, rnd):
-    person = bench.person
-    wait_for(lambda: bench.servos.torque == [1, 1])
-    time.sleep(rnd.uniform(0.0, 0.3))
-    person.call("stop")  # on a busy computer it may not be confirmed in time, but it counts
-    wait_for(lambda: bench.servos.torque == [0, 0])
-    ends = time.monotonic() + rnd.uniform(0.2, 0.8)
-    while time.monotonic() < ends:
-        assert bench.servos.torque == [0, 0]
-        time.sleep(0.002)
-    person.until_done("resume")
-
-
-@pytest.mark.parametrize(
-    ("act", "count"), [(ask_for_something, 2), (enable_everything, 1)], ids=["random", "enable"]
-)
-def test_requests_of_clients_do_not_undo_stop(bench, act, count):
-    rnd, of_clients = random.Random(count), [random.Random(count + n) for n in range(count)]
-    acts = [lambda person, own=own: act(person, own) for own in of_clients]
-    with clients(bench, *acts):
-        for _ in range(STOPS):
-            stop_and_resume(bench, rnd)
 
 
 def test_a_servo_bus_that_was_killed_stays_stopped_though_commands_come(tmp_path):
