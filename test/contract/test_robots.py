@@ -78,20 +78,21 @@ def test_the_target_of_a_simulated_run_is_in_reach(robot):
     assert all(robot.head.gaze(point, 0.0, 0.0).reached for point in path)
 
 
-def test_the_simulated_head_looks_there(robot):
-    with Head.simulated(robot=robot.model.name) as head:
-        result = head.look_at(robot.in_base((2.0, 0.5, -0.2)))
+def servo_models(name):
+    return tuple(servo.model.name for servo in configured_head(robot_parameters(name)).servos)
+
+
+@pytest.mark.parametrize("name", {servo_models(name): name for name in ROBOTS}.values())
+def test_the_simulated_head_looks_there(name):
+    with Head.simulated(robot=name) as head:
+        result = head.look_at(Robot(name).in_base((2.0, 0.5, -0.2)))
         assert result.arrived
         assert result.miss < DEGREE
         assert head.state is HeadState.HOLDING
     assert head.state is HeadState.CLOSED
 
 
-def servo_models(name):
-    return tuple(servo.model.name for servo in configured_head(robot_parameters(name)).servos)
-
-
-@pytest.mark.parametrize("name", {servo_models(name): name for name in ROBOTS}.values())
+@pytest.mark.parametrize("name", ROBOTS)
 def test_the_simulated_head_keeps_a_moving_target(name):
     """In simulated time: servos, bus and tracker of the robot, a target at 0.5 Hz."""
     assert pursue(name, 3.0) < 1.5 * DEGREE
