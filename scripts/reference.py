@@ -5,13 +5,13 @@ read from the running node. Only the table of meanings is written by hand.
 """
 
 import ast
+import io
 import os
 import re
-import subprocess
 import sys
 import tempfile
 from collections import defaultdict
-from contextlib import ExitStack
+from contextlib import ExitStack, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
 from pkgutil import resolve_name
@@ -34,12 +34,6 @@ GOAL = "/_action/send_goal"
 ABSOLUTE = ("/tf", "/tf_static", "/diagnostics")
 NEEDED = {"frame_target": {"frame": "camera_link"}, "viewer": {"port": 0}}
 """Parameters that a node needs to start in this script."""
-
-
-PROGRAM = (
-    "import sys; from head_tracking.programs import head_tracking as main; "
-    "sys.argv[0] = 'head_tracking'; sys.exit(main())"
-)
 
 
 @dataclass
@@ -249,23 +243,23 @@ def parameters_page(nodes: list[Interface]) -> str:
 
 def command_line_page() -> str:
     """Return the document with the help of all programs."""
-    from head_tracking.programs import TOOLS
+    from head_tracking import programs
 
     text = (
         f"{SOURCE_NOTE}# Command line\n\nAfter `pip install`: `head_tracking NAME`. With a sourced "
         "workspace: `ros2 run head_tracking NAME`.\n"
     )
-    for name in ("head_tracking", *TOOLS):
-        arguments = [] if name == "head_tracking" else [name]
-        answer = subprocess.run(
-            [sys.executable, "-c", PROGRAM, *arguments, "--help"],
-            env=os.environ | {"COLUMNS": "100"},
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        text += f"\n## {name}\n\n```text\n{answer.strip()}\n```\n"
+    for name in ("head_tracking", *programs.TOOLS):
+        words = [] if name == "head_tracking" else [name]
+        with (
+            mock.patch.object(sys, "argv", ["head_tracking", *words, "--help"]),
+            redirect_stdout(io.StringIO()) as answer,
+        ):
+            try:
+                programs.head_tracking()
+            except SystemExit as ended:
+                assert not ended.code, name
+        text += f"\n## {name}\n\n```text\n{answer.getvalue().strip()}\n```\n"
     return text
 
 
@@ -304,5 +298,6 @@ if __name__ == "__main__":
     os.environ |= {
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF",
         "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
+        "COLUMNS": "100",  # of the help of programs
     }
     raise SystemExit(main())

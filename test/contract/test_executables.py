@@ -1,35 +1,11 @@
-"""Every executable: its name, its help, and the exit code of a mistake."""
+"""Every executable: what it needs, and the exit code of a mistake."""
 
 import signal
 from importlib.util import find_spec
 
 import pytest
-from program_names import NODES, PROGRAMS
+from program_names import NODES
 from rig import assert_described, run_python
-
-HELP = """
-import sys
-from pkgutil import resolve_name
-for name in sys.argv[1:]:
-    sys.argv = [name, "--help"]
-    try:
-        resolve_name(f"head_tracking.programs:{name}")()
-    except SystemExit as ended:
-        print(f"code of {name}: {ended.code}", flush=True)
-"""
-
-
-def test_programs_have_help():
-    """All in one process, because each would load the same libraries."""
-    names = sorted(PROGRAMS - {"relax"} | {"head_tracker", "servo_bus"})
-    done = run_python("-c", HELP, *names)
-    lines = done.stdout.splitlines()
-    for name in names:
-        assert any(line.startswith(f"usage: {name}") for line in lines), name
-        assert f"code of {name}: 0" in lines, done.stdout
-    assert "Keeps the head on" in done.stdout
-    assert "Publishes the measurements of" in done.stdout
-    assert "docs/reference/parameters.md" in done.stdout
 
 
 def run_without(package, words, **environment):

@@ -33,12 +33,17 @@ def lock(tmp_path):
         one.release()
 
 
-@pytest.mark.parametrize("word", ["--help", "--baud"])
-def test_help_and_a_misspelt_argument_end_no_simulated_head(monkeypatch, word):
+@pytest.mark.parametrize(
+    ("word", "code", "fact"),
+    [("--help", 0, "docs/reference/parameters.md"), ("--baud", 2, "--baud")],
+)
+def test_help_and_a_misspelt_argument_end_no_simulated_head(monkeypatch, capsys, word, code, fact):
     monkeypatch.setattr(sys, "argv", ["servo_bus", word])
     monkeypatch.setattr(HeadLock, "acquire", lambda *_, **__: pytest.fail("it is locked"))
-    with pytest.raises(SystemExit):
+    with pytest.raises(SystemExit) as ended:
         servo_bus.main()
+    assert ended.value.code == code
+    assert fact in "".join(capsys.readouterr())
 
 
 def sleep(seconds):
