@@ -1,11 +1,11 @@
 """What simulated servos on a bus answer: published packets (e-manual), and group reads."""
 
 import pytest
-from simulated_packets import InstructionPacket, InstructionPacket2
 from waiting import wait_for
 
 from head_tracking.configuration.simulated import SimulatedJoints
 from head_tracking.dynamixel import JointConfiguration, ServoCalibration, servo_model
+from head_tracking.dynamixel.protocol import sync_read_packet
 from head_tracking.simulation import SerialLine, SimulatedBus, SimulatedServo
 from head_tracking.simulation.packets import Status, decode_status
 
@@ -72,9 +72,7 @@ def test_answers_without_a_return_delay_do_not_collide(model, address, paced):
     b = SimulatedBus([SimulatedServo(i, servo_model(model)) for i in (1, 2)])
     for servo_id in (1, 2):
         b[servo_id].set_register("Return Delay Time", 0)
-    asked = InstructionPacket2.sync_read(address, 2, (1, 2)).encode()
-    if model == "STS3215":
-        asked = InstructionPacket(254, 0x82, bytes((address, 2, 1, 2))).encode()
+    asked = sync_read_packet(b[1].model.protocol, (1, 2), address, 2)
     alone = b.receive(asked, 0)
     assert [answer.delay for answer in alone] == [0, 0]
     line = SerialLine(b, paced=paced)

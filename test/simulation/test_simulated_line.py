@@ -3,9 +3,9 @@
 from random import Random
 
 import pytest
-from simulated_packets import InstructionPacket, InstructionPacket2
 
 from head_tracking.dynamixel.models import servo_model
+from head_tracking.dynamixel.protocol import Instruction, encode_packet, read_packet
 from head_tracking.simulation import (
     Answer,
     Fault,
@@ -18,8 +18,7 @@ from head_tracking.simulation import (
 )
 from head_tracking.simulation.packets import Status, decode_status, encode_status
 
-READ_1 = InstructionPacket.read(1, 36, 8).encode()
-READ_2 = InstructionPacket.read(2, 36, 8).encode()
+READ_1, READ_2 = (read_packet(1, servo_id, 36, 8) for servo_id in (1, 2))
 US = 1_000
 
 
@@ -111,7 +110,7 @@ def test_equal_answers_of_servos_with_one_id_are_received(paced):
     line, clock = line_of(
         SimulatedServo(1, position=500), SimulatedServo(1, position=600), paced=paced
     )
-    line.write(InstructionPacket.ping(1).encode())
+    line.write(encode_packet(1, 1, Instruction.PING))
     assert everything(line, clock) == encode_status(1, Status(1, 0))
     assert not line.overlaps
     line.write(READ_1)
@@ -123,7 +122,7 @@ def test_equal_answers_of_servos_with_one_id_are_received(paced):
 @pytest.mark.parametrize(("pause", "answered"), [(1_000, True), (10_100, False)])
 def test_an_interrupted_packet_is_discarded(pause, answered):
     line, clock = line_of(SimulatedServo(1, servo_model("XL430-W250")))
-    ping = InstructionPacket2.ping(1).encode()
+    ping = encode_packet(2, 1, Instruction.PING)
     line.write(ping[:6])
     clock.now += pause * US
     assert bool(transaction(line, clock, ping[6:])[0]) == answered
@@ -134,7 +133,7 @@ def test_an_interrupted_packet_is_discarded(pause, answered):
 
 MS = 1_000 * US
 ANSWER = Answer(encode_status(1, Status(1, 0, b"\x00\x02")), 500_000)
-READ = InstructionPacket.read(1, 36, 2).encode()
+READ = read_packet(1, 1, 36, 2)
 
 
 def one(kind: Fault, **options) -> Faults:
@@ -194,11 +193,11 @@ def test_faults_of_servos(kind, model):
     faults = one(kind, pause=(0.5, 0.5))
     servo = SimulatedServo(1, servo_model(model))
     bus = SimulatedBus([servo], faults=faults)
-    packet = InstructionPacket if servo.model.protocol == 1 else InstructionPacket2
-    bus.receive(packet.ping(1).encode(), 0)
+    ping = encode_packet(servo.model.protocol, 1, Instruction.PING)
+    bus.receive(ping, 0)
     assert servo.alarms.active
     faults.rate = 0.0
-    bus.receive(packet.ping(1).encode(), 1000 * MS)
+    bus.receive(ping, 1000 * MS)
     if kind is Fault.LOW_VOLTAGE:
         assert not servo.alarms.active
     elif servo.model.protocol == 2 or kind is Fault.OVERLOAD:

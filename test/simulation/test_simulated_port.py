@@ -6,10 +6,15 @@ import threading
 import pytest
 import serial
 from simulated_device import OnAnswers
-from simulated_packets import InstructionPacket, InstructionPacket2
 from waiting import PATIENCE, wait_for
 
 from head_tracking.dynamixel.models import servo_model
+from head_tracking.dynamixel.protocol import (
+    Instruction,
+    encode_packet,
+    read_packet,
+    write_packet,
+)
 from head_tracking.simulation import (
     SimulatedBus,
     SimulatedPort,
@@ -18,7 +23,7 @@ from head_tracking.simulation import (
 )
 from head_tracking.simulation.packets import Status, encode_status
 
-PING = InstructionPacket.ping(1).encode()
+PING = encode_packet(1, 1, Instruction.PING)
 PONG = encode_status(1, Status(1, 0))
 
 
@@ -35,10 +40,10 @@ def ask(client: serial.Serial, data: bytes, length: int) -> bytes:
 def test_unread_answers_do_not_block_the_bus():
     servos = SimulatedServo(1), SimulatedServo(2)
     with SimulatedPort(servos) as port, client_of(port.port_name) as client:
-        read = InstructionPacket.read(1, 0, 50).encode()
+        read = read_packet(1, 1, 0, 50)
         for _ in range(500):  # 28 kB of answers that nobody reads
             client.write(read)
-        client.write(InstructionPacket.write(2, 25, b"\x01").encode())
+        client.write(write_packet(1, 2, 25, b"\x01"))
         wait_for(lambda: port.use(lambda bus: bus[2].register("LED")) == 1)
 
 
@@ -101,7 +106,7 @@ def test_only_servos_with_the_baud_rate_of_the_program_receive(baud_rate):
         servo.set_register("Baud Rate", code)
     with SimulatedPort([servo], match_baud_rate=True) as port:
         device = serial.Serial(port.port_name, baud_rate, timeout=PATIENCE if code else 0.05)
-        device.write(InstructionPacket2.ping(1).encode())
+        device.write(encode_packet(2, 1, Instruction.PING))
         assert len(device.read(14)) == (0 if code is None else 14)
         device.close()
 

@@ -6,15 +6,21 @@ from operator import attrgetter
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from simulated_packets import InstructionPacket, InstructionPacket2, write
+from simulated_packets import answer, write
 
 from head_tracking.dynamixel import servo_model
 from head_tracking.dynamixel.models import all_models
-from head_tracking.dynamixel.protocol import ErrorBits, StatusCode
+from head_tracking.dynamixel.protocol import (
+    ErrorBits,
+    Instruction,
+    StatusCode,
+    encode_packet,
+    read_packet,
+    write_packet,
+)
 from head_tracking.simulation import SimulatedBus, SimulatedServo
-from head_tracking.simulation.packets import Status
+from head_tracking.simulation.packets import Packet, Status
 
-Packet, Packet2 = InstructionPacket, InstructionPacket2
 MS = 1_000_000
 SECOND = 1000 * MS
 RANGE = Status(1, ErrorBits.RANGE)
@@ -23,7 +29,7 @@ XM430 = servo_model("XM430-W350")
 
 @pytest.mark.parametrize(("address", "length"), [(49, 2), (50, 1), (0, 51), (255, 1), (0, 0)])
 def test_read_behind_the_table_is_a_range_error(address, length):
-    assert SimulatedServo(1).execute(Packet.read(1, address, length), 0) == RANGE
+    assert answer(SimulatedServo(1), read_packet(1, 1, address, length)) == RANGE
 
 
 def test_goal_outside_the_angle_limits_is_refused():
@@ -45,9 +51,8 @@ def test_goal_outside_the_angle_limits_is_refused():
 )
 def test_no_instruction_makes_a_servo_raise(model, code, parameters):
     servo = SimulatedServo(1, model)
-    packet = Packet if servo.model.protocol == 1 else Packet2
     for servo_id in (1, 254):
-        servo.execute(packet(servo_id, code, parameters), 0)
+        servo.execute(Packet(servo_id, code, parameters), 0)
     servo.advance(5_000_000)
     servo.register("Present Position")
 
@@ -68,8 +73,8 @@ def test_blocked_servo_shuts_down_and_comes_back_by_its_torque_limit(model):
     servo.drive.impede(0.0)
     servo.advance(60 * SECOND)
     now = 60 * SECOND
-    status = servo.execute(Packet.read(1, 36, 2), now)
-    assert status is not None and status.error == ErrorBits.OVERLOAD and len(status.data) == 2
+    status = answer(servo, read_packet(1, 1, 36, 2), now)
+    assert status.error == ErrorBits.OVERLOAD and len(status.data) == 2
     blocked = servo.true_ticks
     assert write(servo, "Goal Position", goal, now) == ErrorBits.OVERLOAD
     servo.advance(now + SECOND)
@@ -91,23 +96,23 @@ def servo(model=XM430, **options) -> SimulatedServo:
 @pytest.mark.parametrize(
     ("packet", "code"),
     [
-        (Packet2.write(1, 132, b"\0\0\0\0"), StatusCode.ACCESS),
-        (Packet2.write(1, 3000, b"\0"), StatusCode.ACCESS),
-        (Packet2.write(1, 116, b"\0\0"), StatusCode.DATA_LENGTH),
-        (Packet2(1, 0x33), StatusCode.INSTRUCTION),
-        (Packet2(1, 5), StatusCode.INSTRUCTION),
-        (Packet2.read(1, 5000, 1), StatusCode.ACCESS),
-        (Packet2.write(1, 65, b"\2"), StatusCode.DATA_RANGE),  # LED
-        (Packet2.write(1, 116, bytes((0, 16, 0, 0))), StatusCode.DATA_LIMIT),  # Goal Position
-        (Packet2.write(1, 104, bytes((201, 0, 0, 0))), StatusCode.DATA_LIMIT),  # Goal Velocity
-        (Packet2.write(1, 9, b"\0"), StatusCode.ACCESS),  # EEPROM with torque on
+        (write_packet(2, 1, 132, b"\0\0\0\0"), StatusCode.ACCESS),
+        (write_packet(2, 1, 3000, b"\0"), StatusCode.ACCESS),
+        (write_packet(2, 1, 116, b"\0\0"), StatusCode.DATA_LENGTH),
+        (encode_packet(2, 1, 0x33), StatusCode.INSTRUCTION),
+        (encode_packet(2, 1, 5), StatusCode.INSTRUCTION),
+        (read_packet(2, 1, 5000, 1), StatusCode.ACCESS),
+        (write_packet(2, 1, 65, b"\2"), StatusCode.DATA_RANGE),  # LED
+        (write_packet(2, 1, 116, bytes((0, 16, 0, 0))), StatusCode.DATA_LIMIT),  # Goal Position
+        (write_packet(2, 1, 104, bytes((201, 0, 0, 0))), StatusCode.DATA_LIMIT),  # Goal Velocity
+        (write_packet(2, 1, 9, b"\0"), StatusCode.ACCESS),  # EEPROM with torque on
     ],
 )
 def test_error_codes_of_refused_packets(packet, code):
     s = servo()
     s.set_register("Torque Enable", 1)
     before = s.register("Return Delay Time")
-    assert s.execute(packet, 0) == Status(1, code)
+    assert answer(s, packet) == Status(1, code)
     assert s.register("Return Delay Time") == before
 
 
@@ -116,12 +121,11 @@ def test_error_codes_of_refused_packets(packet, code):
 )
 def test_indirect_registers_of_the_330_series_are_those_of_its_firmware(firmware, data, last):
     s = servo(servo_model("XL330-M288"), firmware=firmware)
-    status = s.execute(Packet2.read(1, 168 + 2 * (last - 1), 2), 0)  # it stands for its own data
-    assert status is not None and status.data == bytes((data + last - 1, 0))
-    assert s.execute(Packet2.write(1, data + last - 1, b"\1"), 0) == Status(1, 0)
-    assert s.execute(Packet2.read(1, data + last, 1), 0) == Status(1, StatusCode.ACCESS)
-    reported = s.execute(Packet2.ping(1), 0)
-    assert reported is not None and reported.data[2] == (firmware or 50)
+    status = answer(s, read_packet(2, 1, 168 + 2 * (last - 1), 2))  # it stands for its own data
+    assert status.data == bytes((data + last - 1, 0))
+    assert answer(s, write_packet(2, 1, data + last - 1, b"\1")) == Status(1, 0)
+    assert answer(s, read_packet(2, 1, data + last, 1)) == Status(1, StatusCode.ACCESS)
+    assert answer(s, encode_packet(2, 1, Instruction.PING)).data[2] == (firmware or 50)
 
 
 # Bus watchdog
@@ -172,8 +176,7 @@ def test_a_goal_speed_is_kept(model, direction):
     write(servo, "Torque Enable", 1)
     goal = model.center + direction * round(model.ticks * 0.4)
     data = model.goal.layout.pack(*model.goal_values((goal, count, 0)))
-    kind = Packet if model.protocol == 1 else Packet2
-    servo.execute(kind.write(1, model.goal.address, data), 0)
+    answer(servo, write_packet(model.protocol, 1, model.goal.address, data))
     way, speed = model.ticks * 0.4 * model.radians_per_tick, count * model.speed_unit
     fastest = 0.0
     for now in range(0, round(0.5 * way / speed * 1e9), 5 * MS):
@@ -196,7 +199,7 @@ class Bench:
 
     def go(self, goal: int, speed: int) -> None:
         data = goal.to_bytes(2, "little") + speed.to_bytes(2, "little")
-        self.servo.execute(InstructionPacket.write(self.servo.id, 30, data), self.now)
+        answer(self.servo, write_packet(1, self.servo.id, 30, data), self.now)
 
     def run(self, seconds: float, what: str = "true_ticks") -> list[float]:
         """Let time pass; return an attribute of the servo at every millisecond."""

@@ -43,7 +43,6 @@ class World:
         offset: of the clock of the nodes from `now` [ns].
         is_simulated: whether that clock is one of a simulation.
         is_measured: whether the joints are read.
-        early: joint states are stamped so far in the future [ns].
         writes: number of writes of goals.
         buffer: the frames of the robot.
         allowed: limits of the servos, by joint [rad]; none: only the model's.
@@ -53,7 +52,7 @@ class World:
     period = _CYCLE * 1e-9
 
     def __init__(self, model: RobotModel | None) -> None:
-        self.now, self.offset, self.early, self.writes = _START, 0, 0, 0
+        self.now, self.offset, self.writes = _START, 0, 0
         self.is_simulated, self.is_measured = False, True
         self.allowed: dict[str, tuple[float, float]] = {}
         self.buffer = Buffer()
@@ -220,7 +219,7 @@ class World:
             measured[joint.joint_name] = JointState(position)
         if not self.is_measured:
             return
-        stamp = self.stamp + self.early
+        stamp = self.stamp
 
         def update() -> None:
             states = self.loop.joints_read(stamp, measured)
