@@ -63,11 +63,9 @@ def test_a_program_reports_the_package_that_is_missing(bench, words, package, na
         ("servo_bus --ros-args --sim", 1, "--ros-args"),
         ("servo_bus --ros-args -p port_name:=/dev/ttyNOT0", 1, "/dev/ttyNOT0"),
         ("servo_bus --ros-args -p update_rate:=0.0", 1, "update_rate"),
-        ("servo_bus --ros-args -p head_pan_controller.motor.max:=1024", 1, "max"),
         ("servo_bus --ros-args -p dynamixels:=[head_pan,head_roll]", 1, "head_roll"),
         ("servo_bus --ros-args -p dynamixels:=[]", 1, "dynamixels is empty"),
         ("robot_state_publisher --ros-args -p world_transform:=[0.0,1.0]", 1, "world_transform"),
-        ("head_tracker --ros-args -p law:=magic", 1, "law"),
         (
             "target_mux --ros-args -p sources:=[face] -p face.topic:=/target_point",
             1,

@@ -119,10 +119,3 @@ def test_the_parameters_of_the_tutorials_exist(running):
     names = {"head_tracker": ("k_pan", "k_tilt"), "point_head": ()}
     for name in ("pointing_frame", "camera_link", *names[running.head]):
         assert person.get(running.head, name) is not None
-
-
-def test_a_fixed_parameter_is_read_only_and_units_are_in_brackets(running):
-    found = running.robot.descriptors("servo_bus")
-    assert found["port_name"].read_only
-    assert not found["head_pan_controller.joint_speed"].read_only
-    assert "[rad/s]" in found["head_pan_controller.joint_speed"].description
