@@ -80,16 +80,6 @@ def test_a_relaxed_joint_is_turned_by_hand_and_does_not_jump_back(bench, person)
     assert bench.servos.at_rest()[0] == pytest.approx(before, abs=DEGREE)
 
 
-def test_relax_switches_all_torque_off_until_torque_enable(bench, person):
-    person.until_done("relax")
-    assert bench.servos.torque == [0, 0]
-    before = bench.servos.at_rest()
-    onward = joint_commands(0.5, 0.5)
-    person.complaint("servo_bus", JOINTS[0], of=lambda: person.publish("joint_commands", onward))
-    assert bench.servos.at_rest() == pytest.approx(before, abs=0.01)
-    assert bench.servos.torque == [0, 0]
-
-
 def test_invalid_commands_are_refused_and_move_nothing(bench, person):
     """By different senders and topics in turns: each is logged once a second or less."""
     before, pan = bench.servos.true, JOINTS[:1]

@@ -4,7 +4,6 @@ import math
 import os
 import signal
 import time
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
 import pytest
@@ -226,14 +225,6 @@ def test_a_disabled_head_stays_disabled_after_stop_and_resume(bench, person):
     time.sleep(0.5)
     assert bench.servos.at_rest() == pytest.approx(before, abs=STILL)
     wait_for(lambda: set(person.owners.values()) == {""})
-
-
-def test_stop_is_answered_while_other_services_are_busy(bench, person):
-    with ThreadPoolExecutor() as pool:
-        busy = [pool.submit(person.call, "recover") for _ in range(4)]
-        person.until_done("stop")
-        assert bench.servos.torque == [0, 0]
-    assert all(future.result() for future in busy)
 
 
 def test_a_servo_bus_that_was_killed_stays_stopped_though_commands_come(tmp_path):
