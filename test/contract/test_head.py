@@ -464,31 +464,6 @@ def test_a_relaxed_head_is_turned_by_hand_and_refuses_commands_until_resume(head
     assert head.look_at((2.0, 0.0, 0.6)).arrived
 
 
-def test_concurrent_commands_each_get_a_result(head, servos):
-    failures = []
-
-    def guarded(call):
-        try:
-            call()
-        except (RefusedCommandError, SupersededError):
-            pass
-        except Exception as failure:
-            failures.append(failure)
-
-    calls = [
-        lambda: head.look_at(LEFT, timeout=0.3),
-        lambda: head.follow(RIGHT, stamp=time.time()),
-        lambda: (head.state, head.error, head.pose("camera_link"), head.joints, head.reason),
-        lambda: (head.stop(), head.resume()),
-        head.hold,
-    ]
-    with repeating(*(partial(guarded, call) for call in calls), period=0.01):
-        time.sleep(2.0)
-    assert not failures
-    head.resume()
-    assert head.look_at((2.0, 0.0, 0.6)).arrived
-
-
 def test_a_silent_servo_ends_a_turn_with_an_error_and_is_the_reason(head, servos):
     servo = servos.port.use(lambda bus: bus[1])
     with ThreadPoolExecutor() as threads:
