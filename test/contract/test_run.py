@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from rig import DEGREE, JOINTS, SOURCE, child
+from rig import DEGREE, JOINTS, PYTHONPATH, SOURCE, child
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from terminal import Terminal
@@ -142,10 +142,15 @@ def test_a_head_runs_in_a_namespace_and_with_prefixed_frames(bench, kinectbot):
 
 def test_a_run_continues_with_a_closed_pipe_and_a_full_disk(bench):
     words = ("head_tracking", "--sim", "--duration", "1", "--ros-args", "-r")
+    (bench.folder / "sitecustomize.py").write_text("import tempfile; tempfile.tempdir = '/proc/0'")
+    path = {"PYTHONPATH": f"{bench.folder}:{PYTHONPATH}"}
     reader, writer = os.pipe()
     with open("/dev/full", "w") as full:
         outputs = {"__ns:=/left": writer, "__ns:=/right": full}
-        runs = [bench.start(*words, rule, stdout=output) for rule, output in outputs.items()]
+        runs = [
+            bench.start(*words, rule, stdout=output, environment=path)
+            for rule, output in outputs.items()
+        ]
     os.close(writer)
     os.read(reader, 1)
     os.close(reader)

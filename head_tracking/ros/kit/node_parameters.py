@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import tempfile
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, Generic, TypeVar
@@ -56,7 +56,8 @@ def merged(arguments: Sequence[str]) -> Iterator[list[str]]:
 
     It has the values of all parameter files and of `-p`. ROS ignores `-p node:name:=value` for
     nodes in a namespace, and keeps the earlier one of two values of different types, such as 2 and
-    0.5. The file exists until the end of the block; the values are kept for `source`.
+    0.5. The file needs no disk, which may be full; it exists until the end of the block. The values
+    are kept for `source`.
 
     Raises:
         ParameterFileError: a file or a value is malformed.
@@ -81,10 +82,10 @@ def merged(arguments: Sequence[str]) -> Iterator[list[str]]:
         # with those for all nodes, because ROS prefers a value for fewer nodes to a later one
         values = {given.name: given.value for given in _given if given.nodes in (nodes_of, _ALL)}
         nodes[nodes_of] = {"ros__parameters": values}
-    with tempfile.NamedTemporaryFile("w", suffix=".yaml", encoding="utf-8") as file:
+    with open(os.memfd_create("parameters"), "w", encoding="utf-8") as file:
         json.dump(nodes, file, default=str)  # JSON is YAML
         file.flush()
-        yield [*others, "--ros-args", "--params-file", file.name, "--"]
+        yield [*others, "--ros-args", "--params-file", f"/proc/self/fd/{file.fileno()}", "--"]
 
 
 def source(node: Node, name: str) -> str:
