@@ -203,21 +203,26 @@ class DynamixelBackend(JointBackend):
             for thread, names in shares.items()
         ]
 
-    def resume(self) -> tuple[str, ...]:
-        """End a STOP: hold the joints that were not relaxed on request; return their owners.
+    def resume(self) -> tuple[tuple[str, ...], dict[str, str]]:
+        """End a STOP: hold the joints that were not relaxed on request.
+
+        Returns:
+            The owners that continue, and why other joints refuse commands also without a STOP.
 
         Raises:
             StoppedError: there was another STOP meanwhile.
         """
         owners = self._loop.owners
         epoch = owners.epoch.value
+        reasons = {name: self.joint(name).refusal for name in self._by_joint}
+        refusals = {name: reason for name, reason in reasons.items() if reason}
         if not owners.stopped:
-            return ()
+            return (), refusals
         resumed = owners.resume(epoch)
         holding: list[Future[None]] = self.call(None, _hold, epoch)
         for future in holding:
             future.add_done_callback(self._torque_switched)
-        return resumed
+        return resumed, refusals
 
     def _torque_switched(self, future: Future[None]) -> None:
         error = None if future.cancelled() else future.exception()

@@ -243,7 +243,7 @@ class ControlProcess:
             if key == STOP:
                 result = f"STOP: {stop_report(head.loop.stop())}; r resumes"
             else:
-                result = f"resumed: {resume_report(head.nodes['servo_bus'].backend.resume())}"
+                result = f"resumed: {resume_report(*head.nodes['servo_bus'].backend.resume())}"
         except Exception as error:
             failure = "STOP: NOT confirmed" if key == STOP else "not resumed"
             result = f"{failure}: {describe(error)}"

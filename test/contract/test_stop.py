@@ -161,7 +161,9 @@ def test_requests_to_relax_are_executed_while_stopped(bench, person):
     person.until_done("stop")
     person.until_done("relax")
     person.until_done("head_pan_controller/torque_enable", False)
-    person.until_done("resume")
+    relaxed, holding = JOINTS
+    message = person.until_done("resume").message
+    assert relaxed in message and holding not in message  # commands for it are still refused
     wait_for(lambda: bench.servos.torque == [0, 1])
     person.until_done("torque_enable", True)
     assert bench.servos.torque == [1, 1]

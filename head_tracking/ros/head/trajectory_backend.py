@@ -66,7 +66,7 @@ class TrajectoryBackend(JointBackend, Controller):
         self._loop = loop
         self._services = UrgentServices(node)
         OwnersOutput(node, loop.owners, joints)
-        offer_stop(self._services, loop.stop, loop.owners.resume, ("~/", ""))
+        offer_stop(self._services, loop.stop, lambda: (loop.owners.resume(), {}), ("~/", ""))
         node.get_logger().info(
             f"the head is driven by {self._publisher.topic_name}; stop holds it and relaxes nothing"
         )

@@ -98,16 +98,17 @@ def stop_report(problems: Mapping[str, str]) -> str:
     )
 
 
-def resume_report(resumed: Iterable[str]) -> str:
-    """Return the response text of `resume`: which controllers continue."""
+def resume_report(resumed: Iterable[str], refusals: Mapping[str, str]) -> str:
+    """Return the response text of `resume`: which controllers continue, and what stays relaxed."""
     names = ", ".join(resumed)
-    return f"{names} goes on, slowly at first" if names else "commands are accepted again"
+    text = f"{names} goes on, slowly at first" if names else "commands are accepted again"
+    return "; ".join([text, *(f"but {joint}: {reason}" for joint, reason in refusals.items())])
 
 
 def offer_stop(
     services: UrgentServices,
     stop: Callable[[], Mapping[str, str]],
-    resume: Callable[[], Iterable[str]],
+    resume: Callable[[], tuple[Iterable[str], Mapping[str, str]]],
     prefixes: Iterable[str] = ("",),
 ) -> None:
     """Offer the services `stop` and `resume`.
@@ -115,7 +116,7 @@ def offer_stop(
     Args:
         services: offer them.
         stop: STOP; returns the problem of each joint, or an empty string.
-        resume: ends the STOP; returns the controllers that continue.
+        resume: ends the STOP; returns the controllers that continue, and why joints stay relaxed.
         prefixes: of their names.
     """
 
@@ -127,7 +128,7 @@ def offer_stop(
 
     for prefix in prefixes:
         services.offer(f"{prefix}stop", on_stop)
-        services.offer(f"{prefix}resume", lambda _: resume_report(resume()))
+        services.offer(f"{prefix}resume", lambda _: resume_report(*resume()))
 
 
 class OwnersOutput:
