@@ -69,7 +69,7 @@ _MODEL_ERROR = 0.04  # of a displacement
 _DISTINCT = 0.012  # rad; hypotheses that differ by less in a window are not compared
 _MEMORY = 6.0  # s of motion
 _GAIN = 0.08  # standard deviation of the servo's scale
-_SHARPNESS = 0.15  # factor on the scores: windows overlap, and errors are correlated
+_SHARPNESS = 0.25  # factor on the scores: windows overlap, and errors are correlated
 
 _SAVED_DELAY = 0.02  # s; least deviation of a saved delay
 _SAVED_BAND = 0.003  # rad; deviation of a saved dead band

@@ -107,7 +107,7 @@ def kinks(t):
         (SWING, PlainServo(dead_time=0.06, dead_band=0.006, resolution=0.0005)),
         (SWING, PlainServo(acceleration=5.0, dead_band=0.0)),
         (kinks, PlainServo(dead_time=0.1, acceleration=5.0, dead_band=0.01)),
-        (kinks, PlainServo(dead_time=0.02, acceleration=20.0, dead_band=0.0)),
+        (kinks, PlainServo(dead_time=0.05, acceleration=20.0, dead_band=0.0)),
         (kinks, PlainServo(dead_time=0.1, acceleration=20.0, dead_band=0.0)),
     ],
 )
