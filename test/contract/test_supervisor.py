@@ -177,9 +177,10 @@ def test_the_head_continues_while_the_machine_has_nothing_left_for_a_restart(ben
     score, other = (Path(f"/proc/{pid}/oom_score") for pid in (control, vision))
     # the system kills that with the higher score first, without memory
     wait_for(lambda: int(score.read_text()) + 300 < int(other.read_text()))
-    files = len(os.listdir(f"/proc/{supervisor}/fd"))
+    files = {int(name) for name in os.listdir(f"/proc/{supervisor}/fd")}
+    free = min({*range(len(files) + 1)} - files)
     _, most = resource.prlimit(supervisor, resource.RLIMIT_NOFILE)
-    resource.prlimit(supervisor, resource.RLIMIT_NOFILE, (files, most))
+    resource.prlimit(supervisor, resource.RLIMIT_NOFILE, (free, most))
     os.kill(vision, signal.SIGKILL)
     run.read_until(os.strerror(errno.EMFILE))
     states.clear()

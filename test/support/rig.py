@@ -59,6 +59,7 @@ def own_domain() -> Iterator[str]:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 continue
+            os.set_inheritable(lock.fileno(), True)  # while a program of the test lives, too
             yield str(number)
             return
     raise RuntimeError("no ROS domain from 51 to 100 is free: another test run holds them")
@@ -136,6 +137,7 @@ class Program:
             text=True,
             env={name: value for name, value in given.items() if value is not None},
             start_new_session=own_group,
+            close_fds=False,
         )
         self.output = ""
         self._reader = threading.Thread(target=self._read, daemon=True)
