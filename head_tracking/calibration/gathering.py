@@ -134,7 +134,8 @@ class _Gathering:
     ) -> None:
         self._head, self._geometry, self._source, self._camera = head, geometry, source, camera
         self._observe, self._sought, self._still = observe, sought, still
-        self._positions, self._directions = tuple(head.joints.values()), [0, 0]
+        self._positions = tuple(head.joints.values())
+        self._behind, self._directions, self._noted = [*self._positions], [0, 0], 0
 
     def all_views(self, report: Callable[[str], object]) -> list[View]:
         """Return views with the target at positions all over the image, in random order.
@@ -283,17 +284,22 @@ class _Gathering:
             time.sleep(_POLL)
 
     def _note_motion(self) -> bool:
-        """Return whether a joint has moved since the last call; store its direction."""
-        positions = tuple(self._head.joints.values())
-        motions = [now - before for before, now in zip(self._positions, positions, strict=True)]
-        if all(abs(motion) <= _STOOD for motion in motions):
+        """Return whether a joint has moved since the last call; store its direction.
+
+        It is known if the joint has crossed the play, and not turned back since.
+        """
+        positions, after, half = tuple(self._head.joints.values()), self._noted, 0.5 * _CROSSED
+        self._noted = round(self._measured() * 1e9)
+        for joint, name in enumerate(self._head.joints):
+            behind = self._behind[joint]
+            path = self._head.frames.joint_positions(name, after)
+            for position in (*path, positions[joint]):
+                behind = min(max(behind, position - half), position + half)
+            ahead, self._behind[joint] = positions[joint] - behind, behind
+            is_known = abs(ahead) > half - _STOOD
+            self._directions[joint] = round(math.copysign(is_known, ahead))
+        if max(map(abs, np.subtract(positions, self._positions))) <= _STOOD:
             return False
-        for joint, motion in enumerate(motions):
-            direction = 1 if motion > 0.0 else -1
-            if abs(motion) > _CROSSED:
-                self._directions[joint] = direction
-            elif abs(motion) > _STOOD and direction != self._directions[joint]:
-                self._directions[joint] = 0
         self._positions = positions
         return True
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from bisect import bisect_right
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -250,6 +251,14 @@ class TransformBuffer:
             if history is None or not history.stamps:
                 return None
             return history.stamps[-1], history.values[-1]
+
+    def joint_positions(self, name: str, after: int) -> list[float]:
+        """Return the positions of a joint [rad or m] after a time [ns], in order."""
+        with self._lock:
+            history = self._joints.get(name)
+            if history is None:
+                return []
+            return history.values[bisect_right(history.stamps, after, history.first) :]
 
     def oldest_joint_stamp(self, name: str) -> int:
         """Return the stamp of the oldest sample of a joint [ns]; 0 if there is none."""

@@ -244,14 +244,16 @@ def test_a_turn_is_repeated_while_the_joints_are_not_measured(monkeypatch):
 
 
 def test_the_direction_of_a_motion_is_known_after_it_has_crossed_the_play():
-    """Also if the last part of the motion is heard of later."""
+    """Also if the last part of the motion is heard of later, or the head has turned back."""
     head, directions = LateHead(0.0), []
     views = gather(head)
-    for pan in (0.01, 0.2, 0.22, 0.21, 0.1, 0.09, 0.11):
-        head.true = {**head.true, "head_pan_joint": pan}
+    for pans in ([0.01], [0.2], [0.22], [0.21], [0.1], [0.09], [0.11], [0.3, 0.28]):
+        for pan in pans:
+            head.true = {**head.true, "head_pan_joint": pan}
+            head.hear()
         views._note_motion()
         directions.append(views._directions[0])
-    assert directions == [0, 1, 1, 0, -1, -1, 0]
+    assert directions == [0, 1, 1, 0, -1, -1, 0, 0]
 
 
 @pytest.mark.parametrize(("noise", "speed", "found"), [(2.0, 0.0, True), (0.5, 5.0, False)])
