@@ -27,6 +27,8 @@ SIMULATED_MOUNTING: Final = Transform(
     (0.006, -0.004, 0.008), Rotation.from_rpy(0.02, math.radians(3.0), math.radians(-2.0))
 )
 """Pose of the simulated camera in the optical frame of the model."""
+SIMULATED_PLAY: Final = math.radians(1.0)
+"""Play of the simulated joints between encoder and camera, from side to side [rad]."""
 
 _EPILOG = """\
 Fix the marker 1 to 3 m away, where the camera sees it; or stand still there (--target face), or let
@@ -97,12 +99,18 @@ def _calibrate(options: argparse.Namespace) -> None:
 def _simulated_images(
     head: Head, target: str, frame: str = "camera_optical_frame"
 ) -> Iterable[tuple[float, Pixels]]:
-    """Return the images of a camera whose pose differs from the model."""
+    """Return the images of a camera whose pose differs from the model, on joints with play."""
     from head_tracking.scene import film
 
-    pose = partial(head.pose, frame, "base_link")
-    scene = "empty" if target == "room" else f"still {target}"
-    return film(scene, lambda stamp: pose(stamp=stamp) @ SIMULATED_MOUNTING)
+    joints, model = head.simulation, head.frames.model
+    assert joints is not None and model is not None
+    joints.set_link_play(SIMULATED_PLAY)
+
+    def pose(_: float) -> Transform:
+        true = {name: joints.true_position(name) for name in head.joints}
+        return model.transform("base_link", frame, true) @ SIMULATED_MOUNTING
+
+    return film("empty" if target == "room" else f"still {target}", pose)
 
 
 def _draw(calibration: Calibration, file: Path, size: tuple[int, int]) -> None:

@@ -36,10 +36,15 @@ class SimulatedJoints(SimulatedLine):
         return self
 
     def true_position(self, joint_name: str) -> float:
-        """Return the exact position of a joint, rad."""
+        """Return the exact position of a joint behind all play, rad."""
         joint = self._joints[joint_name]
         servo_id = joint.calibrations[0].id
         return joint.position(self.use(lambda bus: bus[servo_id].true_ticks))
+
+    def set_link_play(self, play: float) -> None:
+        """Set the play of all joints between encoder and link, rad from side to side."""
+        for servo in self.bus:
+            servo.drive.mechanics.link_play = play
 
 
 def mounted_servos(joints: Iterable[JointConfiguration]) -> SimulatedBus:

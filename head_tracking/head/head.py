@@ -77,6 +77,7 @@ if TYPE_CHECKING:
     from typing import Self
 
     from head_tracking.calibration import Calibration
+    from head_tracking.configuration.simulated import SimulatedJoints
     from head_tracking.vision import (
         Camera,
         CameraFollower,
@@ -142,12 +143,15 @@ class Head:
     Attributes:
         frames: the robot's frames; `frames.set_transform` adds frames of objects.
         calibration: its estimates with their deviations, its age and file; None: there is none.
+        simulation: the simulated servos, which may be given play; None: real ones.
 
     Raises:
         DynamixelError: the port cannot be opened, a servo does not answer or is another model.
         HeadTrackingError: the model has no such head.
         TypeError: `servos` is not a pair of `JointConfiguration`.
     """
+
+    simulation: SimulatedJoints | None = None
 
     def __init__(
         self,
@@ -267,14 +271,17 @@ class Head:
 
         model, head, known = _load_robot(robot, calibration)
         joints = _checked(servos or head.servos)
-        return cls(
+        simulation = SimulatedJoints(joints)
+        made = cls(
             "simulated port",
             model,
             joints,
             pointing_frame=pointing_frame or head.pointing_frame,
-            open_device=SimulatedJoints(joints).open,
+            open_device=simulation.open,
             calibration=known,
         )
+        made.simulation = simulation
+        return made
 
     # Commands
 

@@ -102,6 +102,8 @@ class Mechanics:
     stiction: float  # static friction, N m
     sliding: float  # sliding friction, N m
     scale_end: float  # half the range of the encoder, rad; inf for an encoder that counts turns
+    gear_play: float = 0.0  # play between rotor and encoder, rad from side to side
+    link_play: float = 0.0  # play between encoder and link, rad from side to side
 
     @classmethod
     def of(cls, model: SimulatedModel) -> Mechanics:
@@ -175,7 +177,7 @@ class Drive:
 
     The reference follows the profile to the goal, and the control law holds the shaft to it. The
     distance between reference and shaft is limited to the range of the law, so that a blocked shaft
-    does not jump when it is released.
+    does not jump when it is released. With play, the driven part follows at the edge of the play.
 
     Args:
         mechanics: Motor and gear.
@@ -208,6 +210,7 @@ class Drive:
         self.output = self.current = 0.0
         self.strain = 0
         self.at_rest = False
+        self._slack = self._lag = 0.0  # of the encoder behind the rotor, and of the link behind it
         self.mechanics = mechanics
         self._built = replace(mechanics)
         self._settings = settings
@@ -224,6 +227,11 @@ class Drive:
         self.mechanics.stiction = max(built.stiction, friction)
         self.mechanics.sliding = max(built.sliding, friction)
         self.at_rest = False
+
+    @property
+    def link(self) -> float:
+        """Angle of the link, rad, counter-clockwise."""
+        return self.angle - self._lag
 
     @property
     def measured(self) -> float:
@@ -322,17 +330,19 @@ class Drive:
             mechanics.stall_torque, mechanics.free_speed, mechanics.stiction,
         )  # fmt: skip
         scale_end = mechanics.scale_end
+        half_gear, half_link = 0.5 * mechanics.gear_play, 0.5 * mechanics.link_play
         powered = torque_on and limit > 0.0
         resistance = stall / free_speed * (1.0 if powered else _VISCOSITY)
         rate = _DT / mechanics.inertia
         slowing = 1.0 + resistance * rate
         brake = mechanics.sliding * rate / slowing
         strained = _STRAIN * limit
-        angle, speed = self.angle, self.speed
+        angle, speed, slack, lag = self.angle, self.speed, self._slack, self._lag
+        has_play = bool(half_gear or half_link or slack or lag)
         reference, pace = self.reference, self.reference_speed
         output, current, strain, done = 0.0, 0.0, self.strain, 0
         while done < steps:
-            angle_before, speed_before, reference_before = angle, speed, reference
+            speed_before, reference_before = speed, reference
             measured = angle if -scale_end <= angle <= scale_end else self._measure(angle)
             torque = pushed
             if hand is not None:
@@ -391,14 +401,19 @@ class Drive:
                     speed = 0.0  # friction stops the shaft before it reverses
                 else:
                     speed = moved - brake if moved > 0.0 else moved + brake
-                angle += speed * _DT
+                turned = speed * _DT
+                if has_play:
+                    slack += turned
+                    turned = slack - max(-half_gear, min(half_gear, slack))
+                    slack -= turned
+                    lag = max(-half_link, min(half_link, lag + turned))
+                angle += turned
             if powered:
                 current = output * voltage - speed / free_speed
                 strain = strain + STEP if abs(current) >= strained else 0
             done += 1
             if (
-                speed == speed_before
-                and angle == angle_before
+                speed == speed_before == 0.0
                 and reference == reference_before
                 and hand is None
                 and not self._coming
@@ -406,6 +421,7 @@ class Drive:
                 self.at_rest = True
                 break
         self.angle, self.speed, self.output, self.current = angle, speed, output, current
+        self._slack, self._lag = slack, lag
         self.reference, self.reference_speed = reference, pace
         self.strain = strain if powered else 0
         return done

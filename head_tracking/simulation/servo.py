@@ -110,8 +110,8 @@ class Alarms:
 class SimulatedServo:
     """A servo of any model. Time is an argument: integer ns that never decrease.
 
-    `true_position` is the exact angle of the shaft: rad, counter-clockwise, 0 in the
-    middle of the range. `true_ticks` is the same in fractional ticks, so that
+    `true_position` is the exact angle of the link, behind all play: rad, counter-clockwise, 0 in
+    the middle of the range. `true_ticks` is the same in fractional ticks, so that
     `JointConfiguration.position(servo.true_ticks)` is the true position of the joint.
 
     Args:
@@ -128,7 +128,7 @@ class SimulatedServo:
 
     Attributes:
         model: Its model.
-        drive: Motor, gear and shaft, which may be pushed or impeded.
+        drive: Motor, gear and shaft, which may be pushed, impeded or given play.
         supply_voltage: V; may be changed at any time.
         temperature: Degrees Celsius; may be changed at any time, and does not change by itself.
         alarms: Its error bits.
@@ -185,13 +185,13 @@ class SimulatedServo:
 
     @property
     def true_position(self) -> float:
-        """Exact angle of the shaft, rad, counter-clockwise, 0 in the middle of the range."""
-        return self.drive.angle
+        """Exact angle of the link, rad, counter-clockwise, 0 in the middle of the range."""
+        return self.drive.link
 
     @property
     def true_ticks(self) -> float:
-        """Exact angle of the shaft in ticks of the servo, not quantised."""
-        return self._registers.ticks(self.drive.angle)
+        """Exact angle of the link in ticks of the servo, not quantised."""
+        return self._registers.ticks(self.drive.link)
 
     @property
     def at_rest(self) -> bool:

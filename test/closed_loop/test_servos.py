@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from closed_loop import mx28
 from plant import Deaf, Pair, PlainServo
-from runs import BESIDE, LEVEL, around, run, sine, tracker
+from runs import BESIDE, LEVEL, ON_HEAD, around, run, sine, tracker
 
 from head_tracking.tracking import Learning, LearningParameters
 
@@ -37,6 +38,21 @@ def wanderings():
 BEARINGS = wanderings()
 LATE = {"duration": 12.0, "late": 0.1, "seed": 2}
 SLOW = {"duration": 40.0, "points": 15.0, "servos": PlainServo()}
+
+
+@pytest.mark.parametrize("play", ["gear_play", "link_play"])
+def test_a_head_with_play_ends_at_the_same_place_from_left_and_right_and_rests(play):
+    def loosen(servo):
+        setattr(servo.drive.mechanics, play, math.radians(1.0))
+
+    ends, conditions = [], replace(ON_HEAD, duration=34.0, servos=mx28(loosen))
+    for side in (-1.0, 1.0):
+        before, after = around(0.1 + 0.3 * side, LEVEL + 0.2 * side), around(0.1)
+        outcome = run(lambda t, a=before, b=after: a if t < 3.0 else b, conditions)
+        ends.append(outcome.recording.between(24.0).positions.mean(axis=0))
+        rest = np.array(outcome.goals[1200:])  # the last 10 s
+        assert np.count_nonzero(np.diff(rest, axis=0), axis=0).max() <= 5
+    assert np.degrees(np.abs(ends[1] - ends[0])).max() < 0.1
 
 
 @pytest.mark.parametrize(

@@ -276,6 +276,18 @@ def test_time_at_rest_is_skipped():
     assert b.servo.true_ticks == pytest.approx(600, abs=1.5)
 
 
+@pytest.mark.parametrize(("gear", "link"), [(0.02, 0.0), (0.0, 0.02), (0.03, 0.01)])
+def test_encoder_and_link_stay_behind_by_half_of_the_play_on_either_side(gear, link):
+    b, rotor = bench(), 0.0
+    b.servo.drive.mechanics.gear_play, b.servo.drive.mechanics.link_play = gear, link
+    for goal, side in ((600, 1.0), (430, -1.0)):
+        b.go(goal, 100)
+        rotor += 1e-3 * sum(b.run(2.5, "drive.speed"))
+        assert rotor - b.servo.drive.angle == pytest.approx(side * gear / 2.0, abs=1e-9)
+        assert b.servo.drive.angle - b.servo.true_position == pytest.approx(side * link / 2.0)
+        assert b.servo.register("Present Position") == pytest.approx(goal, abs=2)
+
+
 @pytest.mark.parametrize("volts", [9.6, 12.0])
 def test_torque_falls_with_the_supply(volts):
     """The heaviest load that it still lifts is in proportion to its supply."""

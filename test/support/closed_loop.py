@@ -12,13 +12,13 @@ import math
 import random
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from dynamixel_fakes import speed_ticks
 from plant import JointsRead, Make, angles, in_camera, turned
 
-from head_tracking.dynamixel import JointConfiguration
+from head_tracking.dynamixel import JointConfiguration, servo_model
 from head_tracking.dynamixel.protocol import read_packet, sync_write_packet
 from head_tracking.gaze import HeadCommand
 from head_tracking.share import robot_file
@@ -70,10 +70,11 @@ class SimulatedHead:
         start: tuple[float, float] = (0.0, 0.0),  # pan and tilt at first [rad]
         # is handed both servos, to make them others than an AX-12 usually is
         modify: Callable[[SimulatedServo], object] = lambda servo: None,
+        joints: tuple[JointConfiguration, JointConfiguration] = (PAN, TILT),
     ) -> None:
-        self._joints = (PAN, TILT)
+        self._joints = joints
         self._servos = tuple(
-            SimulatedServo(joint.id, position=joint.ticks(position))
+            SimulatedServo(joint.id, joint.model, position=joint.ticks(position))
             for joint, position in zip(self._joints, start, strict=True)
         )
         for servo in self._servos:
@@ -108,9 +109,10 @@ class SimulatedHead:
 
     def write(self, command: HeadCommand, now: int) -> None:
         """Sends both servos their goals, in one packet."""
-        block = PAN.model.goal
-        ticks = PAN.ticks(command.pan), TILT.ticks(command.tilt)
-        speeds = speed_ticks(PAN, command.pan_speed), speed_ticks(TILT, command.tilt_speed)
+        pan, tilt = self._joints
+        block = pan.model.goal
+        ticks = pan.ticks(command.pan), tilt.ticks(command.tilt)
+        speeds = speed_ticks(pan, command.pan_speed), speed_ticks(tilt, command.tilt_speed)
         shares: Mapping[int, bytes] = {
             joint.id: block.encode(tick, speed)
             for joint, tick, speed in zip(self._joints, ticks, speeds, strict=True)
@@ -123,6 +125,13 @@ class SimulatedHead:
 def ax12(modify: Callable[[SimulatedServo], object] = lambda servo: None) -> Make:
     """Simulated AX-12 servos, down to the bytes on the wire."""
     return lambda start: SimulatedHead(start, modify)
+
+
+def mx28(modify: Callable[[SimulatedServo], object]) -> Make:
+    """The same with MX-28 servos, which have finer encoders."""
+    fine = {"model": servo_model("MX-28"), "init": 2048, "max": 4095}
+    joints = replace(PAN, **fine), replace(TILT, **fine)
+    return lambda start: SimulatedHead(start, modify, joints)
 
 
 class Mounted:
