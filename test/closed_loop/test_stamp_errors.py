@@ -61,10 +61,16 @@ def test_the_error_is_found(path, late, changes, most):
     assert all(abs(each.value - late) < 4.0 * each.deviation for each in known)
 
 
-@pytest.mark.parametrize(("before", "late"), [(0.5, 0.1), (0.1, 0.5), (0.8, 0.15)])
-def test_the_error_of_a_camera_that_has_restarted_is_found_again(before, late):
-    """The last one only if each point is scored while the known error explains none."""
-    view = replace(ON_HEAD, field=(3.0, 3.0), stamp_jitter=0.01)
+@pytest.mark.parametrize(
+    ("before", "late", "field"),
+    [
+        (0.5, 0.1, (1.5, 1.1)),
+        (0.1, 0.5, (1.5, 1.1)),
+        (0.8, 0.15, (3.0, 3.0)),  # only if each point is scored while the known error explains none
+    ],
+)
+def test_the_error_of_a_camera_that_has_restarted_is_found_again(before, late, field):
+    view = replace(ON_HEAD, field=field, stamp_jitter=0.01)
     again = replace(view, delay=late, stamp_error=late, gaps=((0.0, 7.0),))
     first = replace(view, delay=before, stamp_error=before, gaps=((5.0, 99.0),), seed=6)
     watched, _ = watch(circle, replace(first, duration=12.0 + late, more=(again,)))
