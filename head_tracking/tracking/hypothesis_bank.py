@@ -49,7 +49,7 @@ class HypothesisBank:
     Attributes:
         scores: log likelihoods, relative to the best and forgotten over 3 s, shape (N,). Points
             that do not distinguish the hypotheses do not reduce the scores. Points count less
-            while even the best hypothesis predicts them badly.
+            while no hypothesis predicts them well.
     """
 
     def __init__(self, count: int, steady: npt.NDArray[np.bool_] | None = None) -> None:
@@ -64,13 +64,13 @@ class HypothesisBank:
         self._covariance: tuple[Array, ...]
         self._weights: Array
         self._skipped = 0
-        self._off = 1.0  # mean squared deviations of a bearing from the best prediction
+        self._off = np.ones(count)  # mean squared deviations of a bearing from the best prediction
         self._begin(np.zeros((2, count)), np.ones((2, len(_JITTER), 1)))
 
     @property
     def explains(self) -> bool:
-        """Whether the best hypothesis predicts the bearings."""
-        return self._off < 2.0 * _EXPLAINED
+        """Whether the hypothesis with the best score predicts the bearings."""
+        return bool(self._off[self.scores.argmax()] < 2.0 * _EXPLAINED)
 
     def add(self, stamp: float, bearings: Array, speeds: Array, rate: float) -> None:
         """Score the hypotheses by a point, and update the filters.
@@ -133,7 +133,7 @@ class HypothesisBank:
 
     def keep(self, chosen: npt.NDArray[np.bool_]) -> None:
         """Drop all other hypotheses."""
-        self.scores = self.scores[chosen]
+        self.scores, self._off = self.scores[chosen], self._off[chosen]
         self._allowed, self._weights = self._allowed[:, chosen], self._weights[:, chosen]
         self._position, self._velocity = self._position[..., chosen], self._velocity[..., chosen]
         self._acceleration = self._acceleration[..., chosen]
@@ -159,10 +159,10 @@ class HypothesisBank:
         mixed -= np.log(np.exp(self._weights - before).sum(axis=0)) + before
         kept = math.exp(-dt / _FILTER_MEMORY)
         self._weights = kept * (weights - best) + self._allowed
-        winner = int(self.scores.argmax())
-        off = 0.5 * float(squares[self._weights[:, winner].argmax(), winner])
-        self._off += (1.0 - kept) * (min(off, _GATE) - self._off)
-        mixed = np.maximum(mixed - mixed.max(), _LEAST) / max(1.0, self._off / _EXPLAINED)
+        likely = self._weights.argmax(axis=0)[None]
+        off = 0.5 * np.take_along_axis(squares, likely, axis=0)[0]
+        self._off += (1.0 - kept) * (np.minimum(off, _GATE) - self._off)
+        mixed = np.maximum(mixed - mixed.max(), _LEAST) / max(1.0, self._off.min() / _EXPLAINED)
         distinct = min(1.0, 2.0 * float(mixed.std()))
         scores = math.exp(-dt * distinct / _MEMORY) * self.scores + _SHARE * mixed
         self.scores = scores - scores.max()
