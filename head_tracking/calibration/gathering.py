@@ -288,8 +288,8 @@ class _Gathering:
 
         It is known if the joint has crossed the play, and not turned back since.
         """
-        positions, after, half = tuple(self._head.joints.values()), self._noted, 0.5 * _CROSSED
-        self._noted = round(self._measured() * 1e9)
+        after, self._noted = self._noted, round(self._measured() * 1e9)  # before the positions
+        positions, half = tuple(self._head.joints.values()), 0.5 * _CROSSED
         for joint, name in enumerate(self._head.joints):
             behind = self._behind[joint]
             path = self._head.frames.joint_positions(name, after)

@@ -64,7 +64,7 @@ class HypothesisBank:
         self._covariance: tuple[Array, ...]
         self._weights: Array
         self._skipped = 0
-        self._off = np.ones(count)  # mean squared deviations of a bearing from the best prediction
+        self._off = np.ones(count)  # mean squared deviations of a bearing from its prediction
         self._begin(np.zeros((2, count)), np.ones((2, len(_JITTER), 1)))
 
     @property
