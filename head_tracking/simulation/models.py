@@ -86,6 +86,7 @@ class SimulatedModel:
     heat_error: int  # bit of the error state
     overload_error: int  # bit of the error state
     baud_rates: Mapping[int, int]  # bits per second by the value of the Baud Rate register
+    registers: str  # the model, in registers.csv, that has the same registers
 
     @property
     def is_feetech(self) -> bool:
@@ -125,6 +126,7 @@ def _model(row: Mapping[str, str]) -> SimulatedModel:
         heat_error=1 << int(row["heat_bit"]),
         overload_error=1 << int(row["overload_bit"]),
         baud_rates={int(code): int(rate) for code, rate in rates},
+        registers=row["registers"] or row["name"],
     )
 
 
@@ -146,15 +148,20 @@ def simulated_model(model: str | Named) -> SimulatedModel:
 
 @cache
 def registers_of(name: str, firmware: int) -> tuple[Register, ...]:
-    """Return the registers of a model and firmware version, ordered by address."""
+    """Return the registers of a model and firmware version, ordered by address.
+
+    Raises:
+        SimulationError: there are none.
+    """
     found: list[Register] = []
+    model = simulated_model(name)
     for row in _rows("registers.csv"):
         since, until = int(row["since"] or 0), int(row["until"] or 255)
-        if name not in row["models"].split() or not since <= firmware <= until:
+        if model.registers not in row["models"].split() or not since <= firmware <= until:
             continue
         initial = int(row["initial"]) if row["initial"] else None
         if row["register"] == "Model Number":
-            initial = simulated_model(name).number
+            initial = model.number
         base, size, count = row["register"], int(row["size"]), int(row["count"])
         for index in range(count):
             register = base
@@ -173,9 +180,11 @@ def registers_of(name: str, firmware: int) -> tuple[Register, ...]:
                     None if initial is None else initial + grows,
                     int(row["lowest"] or 0),
                     int(row["highest"] or 0),
-                    "big" if simulated_model(name).control == "scs" else "little",
+                    "big" if model.control == "scs" else "little",
                 )
             )
+    if not found:
+        raise SimulationError(f"registers.csv has no rows of {model.registers}")
     return tuple(sorted(found, key=lambda register: register.address))
 
 

@@ -1,6 +1,7 @@
 """Instructions, registers, modes and errors of the simulated servos of both protocols."""
 
 import math
+from dataclasses import replace
 from operator import attrgetter
 
 import pytest
@@ -18,7 +19,7 @@ from head_tracking.dynamixel.protocol import (
     read_packet,
     write_packet,
 )
-from head_tracking.simulation import SimulatedBus, SimulatedServo
+from head_tracking.simulation import SimulatedBus, SimulatedServo, models
 from head_tracking.simulation.packets import Packet, Status
 
 MS = 1_000_000
@@ -30,6 +31,17 @@ XM430 = servo_model("XM430-W350")
 @pytest.mark.parametrize(("address", "length"), [(49, 2), (50, 1), (0, 51), (255, 1), (0, 0)])
 def test_read_behind_the_table_is_a_range_error(address, length):
     assert answer(SimulatedServo(1), read_packet(1, 1, address, length)) == RANGE
+
+
+def test_a_new_model_needs_one_row_that_names_the_registers_of_another(monkeypatch):
+    theirs = models.registers_of("XM430-W350", 45)
+    new = replace(models.simulated_model("XM430-W350"), name="NEW", number=9991)
+    monkeypatch.setattr(models, "simulated_model", lambda _: new)
+    number, *others = models.registers_of.__wrapped__("NEW", 45)
+    assert (number.initial, *others) == (9991, *theirs[1:])
+    new = replace(new, registers="NEW")
+    with pytest.raises(models.SimulationError):
+        models.registers_of.__wrapped__("NEW", 45)
 
 
 def test_goal_outside_the_angle_limits_is_refused():
