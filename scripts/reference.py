@@ -57,19 +57,24 @@ class Interface:
 
 
 def first_line(path: Path) -> str:
-    """Return the first line of the docstring of a Python file."""
+    """Return the first line of the docstring of a Python file, or the comment of JavaScript."""
+    if path.suffix == ".js":
+        return path.read_text().partition("\n")[0].removeprefix("// ")
     return (ast.get_docstring(ast.parse(path.read_text())) or "").partition("\n")[0]
 
 
 def draw_tree() -> str:
-    """Return the tree of the package with the first line of each docstring."""
+    """Return the tree of the package with the first line of each file."""
     lines = ["head_tracking/"]
-    for path in sorted(PACKAGE.rglob("*.py"), key=lambda path: (path.parent.parts, path.name)):
+    files = (path for path in PACKAGE.rglob("*.*") if path.suffix in (".py", ".js"))
+    for path in sorted(files, key=lambda path: (path.parent.parts, path.name)):
         parts = path.relative_to(PACKAGE).parts
         indent = "    " * len(parts)
         if path.name == "__init__.py":
             if len(parts) > 1:
                 lines.append(f"{indent[4:]}{parts[-2]}/ ".ljust(34) + first_line(path))
+        elif path.suffix == ".js":
+            lines.append(f"{indent[4:]}{parts[-2]}/{path.name} ".ljust(34) + first_line(path))
         else:
             lines.append(f"{indent}{path.name} ".ljust(34) + first_line(path))
     return "\n".join(line.rstrip() for line in lines)

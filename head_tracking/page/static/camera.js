@@ -1,4 +1,4 @@
-// The camera picture with boxes: click to look there, drag to look around, tap a person to follow them.
+// The camera picture with boxes: click to look there, drag to look around, tap a person to follow.
 import { button, by, element, write } from "./dom.js";
 
 const DRAG = 6, MOST_CROPPED = 1.35, DECODING = 1000, OLD = 3000; // pixels, ratio, ms: a picture that is replaced may never be decoded
