@@ -27,6 +27,10 @@ SIMULATED_MOUNTING: Final = Transform(
     (0.006, -0.004, 0.008), Rotation.from_rpy(0.02, math.radians(3.0), math.radians(-2.0))
 )
 """Pose of the simulated camera in the optical frame of the model."""
+_AT_FIRST: Final = Transform(
+    (0.0, 0.2, 0.7), Rotation.from_rpy(-0.5 * math.pi, 0.0, -0.5 * math.pi)
+)
+"""Pose in the scene, by the model, of the simulated camera before the head turns."""
 SIMULATED_PLAY: Final = math.radians(1.0)
 """Play of the simulated joints between encoder and camera, from side to side [rad]."""
 
@@ -62,10 +66,6 @@ def _calibrate(options: argparse.Namespace) -> None:
             Terminal(assume_yes=options.yes).confirm(
                 "The head will look around. Is its range free of obstacles?"
             )
-            if options.sim and options.target != "room":  # as the user turns a real head
-                from head_tracking.scene.scenes import STILL
-
-                head.look_at(STILL)
             calibration = head.calibrate(
                 source,
                 target=options.target,
@@ -99,16 +99,24 @@ def _calibrate(options: argparse.Namespace) -> None:
 def _simulated_images(
     head: Head, target: str, frame: str = "camera_optical_frame"
 ) -> Iterable[tuple[float, Pixels]]:
-    """Return the images of a camera whose pose differs from the model, on joints with play."""
+    """Return the images of a camera whose pose differs from the model, on joints with play.
+
+    At first it looks at the target; a user turns a real head to it.
+    """
     from head_tracking.scene import film
 
     joints, model = head.simulation, head.frames.model
     assert joints is not None and model is not None
     joints.set_link_play(SIMULATED_PLAY)
 
-    def pose(_: float) -> Transform:
+    def by_model() -> Transform:
         true = {name: joints.true_position(name) for name in head.joints}
-        return model.transform("base_link", frame, true) @ SIMULATED_MOUNTING
+        return model.transform(model.root, frame, true)
+
+    scene = _AT_FIRST @ by_model().inverse()
+
+    def pose(_: float) -> Transform:
+        return scene @ by_model() @ SIMULATED_MOUNTING
 
     return film("empty" if target == "room" else f"still {target}", pose)
 

@@ -83,17 +83,19 @@ def test_a_wrong_mounting_is_corrected(quick, monkeypatch, tmp_path, target, vie
     assert red.sum() > 2 * green.sum()
 
 
-def test_a_simulated_head_on_a_table_is_turned_to_the_marker_first(quick, unsolved, tmp_path):
+def test_a_simulated_camera_that_is_low_and_cannot_look_up_sees_the_marker(
+    quick, unsolved, tmp_path
+):
     file = tmp_path / "calibration.yaml"
-    words = ["camera", "--sim", "--robot", "two_ax_12", "--yes", "--output", str(file)]
+    words = ["camera", "--sim", "--robot", "poppy", "--yes", "--output", str(file)]
     assert calibrate.main(words) == DONE
-    assert Calibration.load(file).robot == "two_ax_12"
+    assert Calibration.load(file).robot == "poppy"
 
 
 def test_the_camera_of_a_model_of_your_own_may_have_another_frame(quick, unsolved, tmp_path):
     file, model = tmp_path / "calibration.yaml", tmp_path / "own.urdf"
     urdf = load_robot_model(robot_file("kinectbot")).urdf
-    model.write_text(urdf.replace("camera_optical_frame", "eye"))
+    model.write_text(urdf.replace("camera_optical_frame", "eye").replace("base_link", "torso"))
     words = ["camera", "--sim", "--robot", str(model), "--yes", "--output", str(file)]
     assert calibrate.main(words) == FAILED
     assert calibrate.main([*words, "--frame", "eye"]) == DONE
