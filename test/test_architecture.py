@@ -175,3 +175,12 @@ def test_a_class_name_has_one_meaning():
     }  # fmt: skip
     assert twice.pop("Register") == {"dynamixel/control_table.py", "simulation/models.py"}
     assert twice == {}
+
+
+def test_a_file_name_has_one_meaning():
+    """The same thing in two layers has the same name: as of the core and of its node."""
+    names = [path.rpartition("/")[2] for path in MODULES]
+    assert {name for name in names if names.count(name) > 1 and not name.startswith("__")} == {
+        "buffer.py", "bus.py", "exceptions.py", "fictitious_target.py", "frame_target.py",
+        "images.py", "models.py", "port.py", "recorder.py", "servo.py",
+    }  # fmt: skip

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
-from head_tracking.cli.servo.calibrate import (
+from head_tracking.cli.servo.joint_calibration import (
     Ticks,
     by_hand,
     calibration_of,

@@ -1,7 +1,7 @@
 """Exact pointing: which joint positions put a camera's axis through a point."""
 
 from head_tracking.gaze.arrival import AT_GOAL, Arrival, at_goal
-from head_tracking.gaze.head import ON_LIMIT, Gaze, GazeStatus, PanTiltHead, Ray
+from head_tracking.gaze.pan_tilt_head import ON_LIMIT, Gaze, GazeStatus, PanTiltHead, Ray
 from head_tracking.gaze.pointing import (
     HeadCommand,
     PointingParameters,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from math import copysign, inf
 
-from head_tracking.gaze.head import PanTiltHead
+from head_tracking.gaze.pan_tilt_head import PanTiltHead
 from head_tracking.parameters import parameter
 from head_tracking.transforms import RobotModel, RobotModelError
 

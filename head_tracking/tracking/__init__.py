@@ -20,7 +20,6 @@ from head_tracking.tracking.laws import (
     SpeedLawParameters,
 )
 from head_tracking.tracking.learned import LearnedValue, Learning, LearningParameters, ServoValues
-from head_tracking.tracking.report import lag, picture, table
 from head_tracking.tracking.setpoint import SetpointStream
 from head_tracking.tracking.target import HeadBase, Refusal, Target, TargetPlacer
 from head_tracking.tracking.target_state import (
@@ -29,6 +28,7 @@ from head_tracking.tracking.target_state import (
     TargetStateParameters,
 )
 from head_tracking.tracking.trace import Sample, Trace
+from head_tracking.tracking.trace_report import lag, picture, table
 from head_tracking.tracking.tracker import (
     CAUTIOUS_SPEED,
     Tracker,

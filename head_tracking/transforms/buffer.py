@@ -13,7 +13,7 @@ from queue import Empty, SimpleQueue
 from time import monotonic_ns
 from typing import TypeVar
 
-from head_tracking.transforms import report
+from head_tracking.transforms import frame_report
 from head_tracking.transforms.exceptions import (
     ExtrapolationException,
     InvalidArgumentException,
@@ -441,17 +441,17 @@ class TransformBuffer:
     def all_frames_as_string(self) -> str:
         """Return a sentence for each frame, as tf2 does."""
         with self._lock:
-            return report.frames_as_string(self._edges.values())
+            return frame_report.frames_as_string(self._edges.values())
 
     def all_frames_as_yaml(self, now: int = 0) -> str:
         """Return the frames as tf2 does; with delays if `now` [ns] is given."""
         with self._lock:
-            return report.frames_as_yaml(self._edges.values(), self._authorities, now)
+            return frame_report.frames_as_yaml(self._edges.values(), self._authorities, now)
 
     def tree_as_string(self, now: int = 0) -> str:
         """Return the tree as text with rates; with ages if `now` [ns] is given."""
         with self._lock:
-            return report.tree_as_string(self._edges.values(), self._names, now)
+            return frame_report.tree_as_string(self._edges.values(), self._names, now)
 
     # With the lock held
 

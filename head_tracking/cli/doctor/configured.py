@@ -10,7 +10,7 @@ from head_tracking.calibration import Calibration, CalibrationFileError, summary
 from head_tracking.cli.doctor.findings import Finding, Grade
 from head_tracking.configuration import ConfiguredBus, configured_buses, head_parameters
 from head_tracking.exceptions import HeadTrackingError
-from head_tracking.gaze.head import UNLIMITED
+from head_tracking.gaze.pan_tilt_head import UNLIMITED
 from head_tracking.share import robot_file
 from head_tracking.transforms import load_robot_model
 

@@ -7,8 +7,8 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from head_tracking.cli.servo.calibrate import calibrate
 from head_tracking.cli.servo.changes import relax, set_register
+from head_tracking.cli.servo.joint_calibration import calibrate
 from head_tracking.cli.servo.overview import info, monitor, scan
 from head_tracking.cli.servo.session import USUAL_BAUD_RATES, Session
 from head_tracking.cli.terminal import Terminal
