@@ -114,7 +114,12 @@ def _latest(images: Generator[tuple[float, Pixels]]) -> Generator[tuple[float, P
             ending.set()
             came.set()
 
+    def end() -> None:
+        ending.set()
+        thread.join(_END_TIMEOUT)
+
     thread = threading.Thread(target=receive, name="images", daemon=True)
+    atexit.register(end)  # a process that ends while a thread is in OpenCV is aborted
     thread.start()
     try:
         while not ending.is_set() or latest:
@@ -123,6 +128,7 @@ def _latest(images: Generator[tuple[float, Pixels]]) -> Generator[tuple[float, P
             if latest:
                 yield latest.pop()
     finally:
+        atexit.unregister(end)
         ending.set()
         thread.join()
 
@@ -221,7 +227,7 @@ class CameraFollower:
 
     def start(self) -> None:
         """Start the thread."""
-        atexit.register(self._end)  # a process that ends while a thread is in OpenCV is aborted
+        atexit.register(self._end)  # as in `_latest`
         self._thread.start()
 
     def wait(self, timeout: float | None = None) -> bool:

@@ -1,3 +1,4 @@
+import atexit
 import threading
 import time
 from queue import Queue
@@ -158,3 +159,17 @@ def test_a_slow_program_gets_the_latest_image_of_a_camera(monkeypatch):
     with pytest.raises(NoPictureError):
         next(images)
     assert stream.image is None  # released
+
+
+def test_a_program_that_ends_ends_the_thread_of_its_camera_first(monkeypatch):
+    """Else OpenCV aborts the process, after Ctrl-C, too."""
+    stream, ends = Stream(), []
+    monkeypatch.setattr(cv2, "VideoCapture", lambda camera: stream)
+    monkeypatch.setattr(atexit, "register", ends.append)
+    images = pictures("rtsp://camera")
+    stream.put(1)
+    assert next(images)[1] == 1
+    stream.put(2)
+    for end in ends:
+        end()
+    assert not any(thread.name == "images" for thread in threading.enumerate())
