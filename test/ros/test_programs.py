@@ -9,6 +9,7 @@ import time
 from contextlib import closing
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import rclpy
@@ -17,8 +18,9 @@ from rig import Talker, own_domain, run_python
 from std_msgs.msg import String
 from waiting import PATIENCE, wait_for
 
-from head_tracking.ros.kit.spinning import start_ros
-from head_tracking.ros.kit.stop_signal import ENDING
+from head_tracking.ros.kit import spinning
+from head_tracking.ros.kit.spinning import start_ros, steady_timer
+from head_tracking.ros.kit.stop_signal import ENDING, StopSignal
 from head_tracking.ros.kit.threads import NodeThread, PolledNode, UrgentServices, Worker
 from head_tracking.ros.kit.topics import TopicListener
 
@@ -53,6 +55,21 @@ def test_a_program_ends(way, code):
     ended = run_python(str(PROGRAM), way)
     assert ended.returncode == code, ended.stderr
     assert ended.stderr.count("Traceback") == (code != 0), ended.stderr
+
+
+def test_timers_are_restarted_after_a_step_back_of_the_systems_clock(threads, start, monkeypatch):
+    """They are steady, but the wheels of rclpy wait for them by that clock."""
+    node, restarted = start(Node("ticks")), []
+    for name in ("running", "cancelled"):
+        timer = steady_timer(node, 1000.0, list)
+        monkeypatch.setattr(timer, "reset", lambda name=name: restarted.append(name))
+    timer.cancel()
+    steps = iter([0.0, 0.05, 3600.0, 3600.0, 0.0, 0.0])
+    clocks = SimpleNamespace(monotonic=time.monotonic, time=lambda: time.monotonic() + next(steps))
+    monkeypatch.setattr(spinning, "time", clocks)
+    with pytest.raises(StopIteration):
+        threads.wait(StopSignal(), 5.0)
+    assert restarted == ["running"]
 
 
 def test_a_process_that_hangs_ends_after_its_supervisor():

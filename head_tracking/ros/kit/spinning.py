@@ -142,9 +142,13 @@ class NodeThreads:
             NodeDied: a node ended with an error.
         """
         end = math.inf if duration is None else time.monotonic() + duration
+        ahead = -math.inf  # the system's clock, of the monotonic one [s]
         while not stop() and (left := end - time.monotonic()) > 0.0:
             if self.failure is not None:
                 raise self.failure
+            before, ahead = ahead, time.time() - time.monotonic()
+            if ahead < before - _POLL:
+                self._restart_timers()
             update()
             stop.wait(min(_POLL, left))
 
@@ -171,6 +175,17 @@ class NodeThreads:
             return
         for node in reversed(nodes):
             node.destroy_node()
+
+    def _restart_timers(self) -> None:
+        """Restart the timers, because the system's clock was set back.
+
+        They run on the steady clock, but the wheels of rclpy wait for them by the system's clock,
+        as programs for an older glibc do: they would stand still for as long as the step.
+        """
+        for node in self._nodes:
+            for timer in node.timers:
+                if not timer.is_canceled():
+                    timer.reset()
 
     def _spin(self) -> None:
         assert self._executor is not None
