@@ -36,7 +36,8 @@ from head_tracking.vision.opencv import cv2
 FEWEST_VIEWS: Final = 8
 
 _PRIORS: Final = np.array([parameter.prior for parameter in PARAMETERS])
-_READING: Final = 0.0015  # rad: standard deviation of a reading of a joint
+_READING: Final = 0.0015  # rad: minimum standard deviation of a reading of a joint
+_EXACT: Final = 1e-6  # rad: of one that is where the joint was measured
 _KNOWN: Final = 0.5  # of the prior deviation: a parameter with more is not observable
 _ROBUST: Final = 3.0  # deviations: larger residuals have less weight
 _FAR: Final = 3.5  # deviations: larger errors, or negative play, contradict the model
@@ -172,6 +173,7 @@ def solve(
             f"camera and joints differ by {math.degrees(unsteady * _READING):.2f} "
             "degrees: the camera is loose, or the joints have play",
         )
+    fit = fit.with_readings(max(1.0, unsteady) * _READING)
     if marker_size is not None and (factor := fit.better_size(free, noise)) is not None:
         raise CalibrationError(
             Reason.FAR_FROM_MODEL,
@@ -190,7 +192,7 @@ def solve(
         free.remove(unknown[-1])
         held += [unknown[-1]] * (unknown[-1] not in ZEROS)
     changes = fit.changes
-    exact = fit.with_exact_readings()
+    exact = fit.with_readings(_EXACT)
     after, before = exact.misses(), exact.run([], noise, robust=False).misses()
     residuals = Residuals(focal, fit.pixels(), before, after)
     estimates = {
@@ -294,10 +296,10 @@ class _Fit:
         fit._regroup(fit._seen.markers)
         return fit
 
-    def with_exact_readings(self) -> _Fit:
-        """Return the problem in which the joints are exactly where they were measured."""
+    def with_readings(self, deviation: float) -> _Fit:
+        """Return the problem with another standard deviation of the readings [rad]."""
         fit = copy(self)
-        fit._reading, fit._readings = 1e-6, np.zeros_like(self._readings)
+        fit._reading, fit._readings = deviation, np.zeros_like(self._readings)
         return fit
 
     def moved_at(self, first: int) -> _Fit:

@@ -90,6 +90,21 @@ def test_the_intervals_hold_for_corners_that_are_detected():
     assert pitch.value == pytest.approx(0.02, abs=3.0 * pitch.deviation)
 
 
+def test_joints_that_are_read_less_exactly_increase_the_deviations(geometry):
+    head, rng = random_head(geometry, 142, 0.5), np.random.default_rng(1)
+    rough = [
+        view._replace(
+            pan=view.pan + rng.normal(0.0, 0.003), tilt=view.tilt + rng.normal(0.0, 0.003)
+        )
+        for view in head.views
+    ]
+    before, after = (
+        solve(geometry, CAMERA, views, SIZE).estimates["pan play"].deviation
+        for views in (head.views, rough)
+    )
+    assert after > 1.4 * before
+
+
 def test_a_wrong_marker_size_is_refused(geometry):
     """The distance of the marker is not observable in these views; the scale is."""
     with pytest.raises(CalibrationError) as refusal:
