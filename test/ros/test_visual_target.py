@@ -337,6 +337,13 @@ def test_the_simulated_camera_publishes_only_what_is_subscribed_to(world, wanted
 # in one process with everything else
 
 
+def test_the_delivery_of_its_image_is_a_parameter(threads):
+    given = {"follow": "colour", "qos_overrides./visual_target/image.publisher.depth": 1}
+    look = VisualTargetNode(parameter_overrides=[Parameter(k, value=v) for k, v in given.items()])
+    assert {name: look.get_parameter(name).value for name in given} == given
+    look.destroy_node()
+
+
 def test_detection_does_not_block_the_executor(threads):
     """All nodes share one executor: what takes long is done beside it."""
     look = VisualTargetNode(parameter_overrides=[Parameter("follow", value="colour")])

@@ -17,6 +17,7 @@ from head_tracking.ros.kit.images import depth_of, image_message, picture_of
 from head_tracking.ros.kit.node_parameters import NodeParameters
 from head_tracking.ros.kit.spinning import steady_timer
 from head_tracking.ros.kit.target_point import target_from_message
+from head_tracking.ros.kit.topics import OVERRIDABLE
 from head_tracking.ros.targets.sighted_target import LATEST_ONLY, SightedTargetNode
 from head_tracking.tf import Buffer
 from head_tracking.tf.conversions import stamp_to_ns
@@ -94,7 +95,9 @@ class VisualTargetNode(SightedTargetNode):
         self._frame: Frame | None = None
         self._region = self.create_publisher(RegionOfInterest, "~/roi", 10)
         self._others = self.create_publisher(PoseArray, "~/others", 10)
-        self._annotated = self.create_publisher(Image, "~/image", 2)
+        self._annotated = self.create_publisher(
+            Image, "~/image", 2, qos_overriding_options=OVERRIDABLE
+        )
         self._inputs: dict[str, Subscription] = {}
         self._subscribe_as_needed()
         steady_timer(self, _SUBSCRIPTION_PERIOD, self._subscribe_as_needed)
