@@ -109,6 +109,12 @@ class Calibration:
         advice = "; it is old: calibrate again" if self.is_old else ""
         return f"{self.age / _DAY:.0f} days old{advice}"
 
+    @property
+    def errors_text(self) -> str:
+        """By how much the views disagree before and after the calibration."""
+        before, after = map(math.degrees, (self.error_before, self.error_after))
+        return f"the views disagree by {before:.2f} degrees before, {after:.2f} degrees after (rms)"
+
     def angle_of_view(self, assumed: float) -> float:
         """Return the measured angle of view of a camera with an assumed one [rad].
 

@@ -82,9 +82,7 @@ def _calibrate(options: argparse.Namespace) -> None:
         print(f"{name:<22} {change:>18}  {deviation}")
     print(
         f"{calibration.views} views used, {calibration.left_out} ignored; corner noise "
-        f"{calibration.noise:.2f} px\nthe views disagree by "
-        f"{math.degrees(calibration.error_before):.2f} degrees before, "
-        f"{math.degrees(calibration.error_after):.2f} degrees after (rms)"
+        f"{calibration.noise:.2f} px\n{calibration.errors_text}"
     )
     if options.focal_length:
         print(f"angle of view: {math.degrees(calibration.angle_of_view(view)):.1f} degrees")

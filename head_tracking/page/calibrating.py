@@ -114,7 +114,8 @@ class CameraCalibration:
         head.check()
         calibration.save(file)
         return Progress(
-            text=f"Calibrated. The result is in {file}. To use it, start with --calibration {file}",
+            text=f"Calibrated: {calibration.errors_text}. The result is in {file}. To use it, "
+            f"start with --calibration {file}",
             rows=tuple(summary(calibration)),
         )
 

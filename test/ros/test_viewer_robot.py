@@ -254,6 +254,7 @@ def test_the_head_looks_around_and_writes_what_it_has_measured(robot, seen, cali
     (file,) = tmp_path.rglob("*.yaml")
     assert str(file) in calibration.progress.text
     found = Calibration.load(file)
+    assert found.errors_text in calibration.progress.text
     assert found.robot == "kinectbot"
     assert found.views >= 8
     assert abs(found.estimates["camera yaw"].value) < 0.02  # rad: it sits as the model says
