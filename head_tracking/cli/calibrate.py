@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING, Final
 from head_tracking.calibration import Calibration, summary
 from head_tracking.calibration.targets import LARGEST_MARKER, SMALLEST_MARKER, TARGETS
 from head_tracking.cli.terminal import Terminal
-from head_tracking.command_line import between, exit_code, writable_file
+from head_tracking.command_line import between, existing_file, exit_code, writable_file
+from head_tracking.configuration import configured_head
 from head_tracking.exceptions import HeadTrackingError
 from head_tracking.head.head import Head
+from head_tracking.share import robot_parameters
 from head_tracking.transforms import Rotation, Transform
 from head_tracking.vision.markers import DICTIONARIES
 
@@ -53,9 +55,16 @@ def _calibrate(options: argparse.Namespace) -> None:
 
     marker = MarkerParameters(options.dictionary, options.marker_id, options.marker_size)
     view = math.radians(options.view)
-    open_head = Head.simulated if options.sim else partial(Head.open, options.port)
+    given = configured_head([*robot_parameters(options.robot), *options.params])
+    open_head = (
+        Head.simulated
+        if options.sim
+        else partial(Head.open, options.port, baud_rate=given.baud_rate)
+    )
     try:
-        with open_head(robot=options.robot) as head:
+        with open_head(
+            robot=options.robot, servos=given.servos, pointing_frame=given.pointing_frame
+        ) as head:
             images = (
                 _simulated_images(head, options.target, options.frame)
                 if options.sim
@@ -88,7 +97,8 @@ def _calibrate(options: argparse.Namespace) -> None:
         print(f"angle of view: {math.degrees(calibration.angle_of_view(view)):.1f} degrees")
     calibration.save(options.output)
     servos = ["--sim"] if options.sim else ["--port", options.port]
-    words = ["head_tracking", *servos, "--robot", options.robot, "--calibration"]
+    params = [word for file in options.params for word in ("--params", str(file))]
+    words = ["head_tracking", *servos, "--robot", options.robot, *params, "--calibration"]
     print(f"written: {options.output}\nuse it:  {shlex.join([*words, str(options.output)])}")
     if options.picture:
         _draw(calibration, options.picture, (width, height))
@@ -140,6 +150,10 @@ def _parser() -> argparse.ArgumentParser:
     add("--port", default="/dev/ttyUSB0", metavar="DEV", help="serial port (%(default)s)")
     add("--sim", action="store_true", help="simulate servos and a camera whose pose is wrong")
     add("--robot", default="kinectbot", metavar="NAME|FILE", help="name of the robot, or its model")
+    add(
+        "--params", action="append", type=existing_file, default=[], metavar="FILE",
+        help="YAML file with parameters, as of `servo calibrate`; can be given several times",
+    )  # fmt: skip
     add("--camera", default=0, type=_camera, help="number, device, file or URL (%(default)s)")
     add(
         "--frame", default="camera_optical_frame", metavar="NAME",

@@ -22,7 +22,12 @@ from head_tracking.cli import calibrate
 from head_tracking.command_line import DONE, FAILED, REFUSED
 from head_tracking.configuration import configured_head
 from head_tracking.configuration.simulated import mounted_servos
-from head_tracking.exceptions import FrameError, SupersededError, UnreachableError
+from head_tracking.exceptions import (
+    FrameError,
+    HeadTrackingError,
+    SupersededError,
+    UnreachableError,
+)
 from head_tracking.gaze import PanTiltHead
 from head_tracking.scene import film
 from head_tracking.scene.drawings import marker as drawn_marker
@@ -102,6 +107,22 @@ def test_the_camera_of_a_model_of_your_own_may_have_another_frame(quick, unsolve
     assert file.exists()
 
 
+def test_the_servos_are_those_of_a_parameter_file(monkeypatch, tmp_path):
+    """Else a head whose zeros `servo calibrate` has measured turns about others."""
+    file, opened = tmp_path / "my_head.yaml", []
+    file.write_text("servo_bus: {ros__parameters: {head_pan_controller: {motor: {id: 7}}}}")
+
+    def simulated(*, servos, **_):
+        opened.extend(servo.calibrations[0].id for servo in servos)
+        raise HeadTrackingError
+
+    monkeypatch.setattr(Head, "simulated", simulated)
+    output = str(tmp_path / "calibration.yaml")
+    words = ["camera", "--sim", "--yes", "--params", str(file), "--output", output]
+    assert calibrate.main(words) == FAILED
+    assert opened == [7, 2]
+
+
 @pytest.mark.parametrize(("command", "step"), [("stop", "direction 3"), ("relax", "computing")])
 def test_a_head_that_is_stopped_or_relaxed_is_not_calibrated(quick, unsolved, step, command):
     with Head.simulated() as head:
@@ -137,7 +158,7 @@ def test_a_signal_ends_it_with_relaxed_servos_and_without_a_file(monkeypatch, tm
                     signal.raise_signal(signal.SIGHUP)
                 yield each
 
-        def head(robot):
+        def head(**_):
             return Head(servos.port_name, model, reply_timeout=0.2)
 
         monkeypatch.setattr(calibrate, "_simulated_images", images)
