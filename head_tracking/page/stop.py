@@ -8,6 +8,7 @@ import time
 from collections.abc import Mapping
 from concurrent.futures import Future, InvalidStateError, wait
 from contextlib import suppress
+from functools import partial
 from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -30,8 +31,8 @@ _SERVICES = "stop", "resume"
 class Stop:
     """Calls `stop` of the servo bus until every servo is confirmed relaxed; `resume` ends that.
 
-    The services are relative names: those of another namespace belong to another robot. A bus
-    without these short names is called by the name in its `joint_control`.
+    The services are those that the buses of the namespace name in `joint_control`: a service `stop`
+    may be that of a mobile base. All of them are called.
 
     Attributes:
         count: number of STOPs, of this page and of others; each ends what was begun before it.
@@ -48,7 +49,7 @@ class Stop:
         self._epoch = 0
         self._own = NodeThread.beside(beside, "stop")
         node = self._own.node
-        self._clients = {name: [node.create_client(Trigger, name)] for name in _SERVICES}
+        self._clients: dict[str, dict[str, Any]] = {name: {} for name in _SERVICES}
         self._where = f"in the namespace {node.get_namespace()}"
         self._attempt: Attempt | None = None
         self._lock = threading.Lock()
@@ -78,7 +79,7 @@ class Stop:
     @property
     def can_resume(self) -> bool:
         """Whether there is a STOP to end."""
-        return self._trying or (self.stopped and self._ready("resume") is not None)
+        return self._trying or (self.stopped and bool(self._ready("resume")))
 
     @property
     def _trying(self) -> bool:
@@ -108,10 +109,11 @@ class Stop:
             HeadTrackingError: there is no bus, or it refuses or does not answer.
         """
         self.cancel()
-        client = self._ready("resume")
-        if client is None:
+        clients = self._ready("resume")
+        if not clients:
             raise HeadTrackingError(f"There is no service resume {self._where}.")
-        return message_of(wait_for_answer(client, Trigger.Request(), 2.0))
+        answers = [wait_for_answer(client, Trigger.Request(), 2.0) for client in clients]
+        return "; ".join(map(message_of, answers))
 
     def cancel(self) -> None:
         """End the attempts of a STOP."""
@@ -125,9 +127,9 @@ class Stop:
         self.cancel()
         self._own.close()
 
-    def _ready(self, service: str) -> Any | None:
-        """Return a client of a service that exists; None: there is none."""
-        return next((each for each in self._clients[service] if each.service_is_ready()), None)
+    def _ready(self, service: str) -> list[Any]:
+        """Return the clients of a service of buses that are there."""
+        return [one for one in list(self._clients[service].values()) if one.service_is_ready()]
 
     def _on_control(self, message: DiagnosticStatus) -> None:
         with suppress(ValueError):  # it is malformed
@@ -142,8 +144,8 @@ class Stop:
             self.buses.add(control.node.rpartition("/")[2])
             for service, clients in self._clients.items() if control.node else ():
                 name = control.service(service)
-                if all(each.service_name != name for each in clients):
-                    clients.append(self._own.node.create_client(Trigger, name))
+                if name not in clients:
+                    clients[name] = self._own.node.create_client(Trigger, name)
 
     def _try(self, attempt: Attempt) -> None:
         pending: list[tuple[Any, Any]] = []
@@ -151,14 +153,16 @@ class Stop:
         while not attempt.ended.done() and self._own.node.context.ok():
             if time.monotonic() > late_at:
                 self.late, late_at = self.late + 1, math.inf
-            client = self._ready("stop")
-            if client is None:
-                attempt.wait(_POLL)  # until it is discovered
+            clients = self._ready("stop")
+            if not clients:
+                attempt.wait(_POLL)  # until one is discovered
                 continue
-            with suppress(Exception):  # of any kind: the next attempt may succeed
-                future = client.call_async(Trigger.Request())
-                future.add_done_callback(attempt.on_answer)
-                pending.append((client, future))
+            attempt.asked = [client.service_name for client in clients]
+            for client in clients:
+                with suppress(Exception):  # of any kind: the next attempt may succeed
+                    future = client.call_async(Trigger.Request())
+                    future.add_done_callback(partial(attempt.on_answer, client.service_name))
+                    pending.append((client, future))
             attempt.wait(_RETRY)
         for client, future in pending:
             client.remove_pending_request(future)
@@ -176,11 +180,14 @@ class Attempt:
 
     Attributes:
         ended: is done when it has ended.
+        asked: names of the services that must confirm.
         outcome: the result so far.
     """
 
     def __init__(self, where: str) -> None:
         self.ended: Future[None] = Future()
+        self.asked: list[str] = []
+        self._answers: dict[str, Trigger.Response] = {}
         self.outcome = Outcome(
             False, f"NOT confirmed: no servo_bus {where} has answered; the page keeps trying"
         )
@@ -195,11 +202,13 @@ class Attempt:
         with suppress(InvalidStateError):
             self.ended.set_result(None)
 
-    def on_answer(self, future: Any) -> None:
+    def on_answer(self, service: str, future: Any) -> None:
         """Note the answer of a service."""
         if future.cancelled() or future.exception() is not None or self.ended.done():
             return
-        answer = future.result()
-        self.outcome = Outcome(bool(answer.success), str(answer.message))
-        if answer.success:
+        self._answers[service] = future.result()
+        answers = [self._answers[name] for name in self.asked if name in self._answers]
+        done = len(answers) == len(self.asked) and all(answer.success for answer in answers)
+        self.outcome = Outcome(done, "; ".join(str(answer.message) for answer in answers))
+        if done:
             self.end()

@@ -67,6 +67,10 @@ def test_a_bus_that_is_restarted_does_not_end_a_stop_that_was_not_confirmed(star
 
 
 def test_a_bus_without_short_names_is_stopped_and_resumed(start, page):
+    base = Node("mobile_base")  # with a service `stop` of its own, which confirms
+    for name in ("stop", "resume"):
+        base.create_service(Trigger, name, lambda _, __: Trigger.Response(success=True))
+    start(base)
     bus = start(BusStandIn(offers=("~/stop", "~/relax", "~/resume")))
     robot = page()
     assert robot.stop.begin().wait(PATIENCE).done

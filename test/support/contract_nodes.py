@@ -29,8 +29,10 @@ class BusStandIn(Node):
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self.create_subscription(JointState, "joint_commands", self.commands.append, 10)
         self.create_subscription(JointState, "joint_claims", self.claims.append, 10)
+        self._offered = {}
         for name in offers:
-            self.create_service(Trigger, name, self._callback(name))
+            offered = self.create_service(Trigger, name, self._callback(name))
+            self._offered[f"service {name.removeprefix('~/')}"] = offered.service_name
         for joint in JOINTS:
             controller = joint.replace("joint", "controller")
             self.create_service(SetBool, f"{controller}/torque_enable", self._on_torque)
@@ -40,7 +42,7 @@ class BusStandIn(Node):
     def own(self, owner: str, stopped: bool = False, epoch: int = 0) -> None:
         """Who has the joints from now on, in a program that heeds the epochs of STOP."""
         fields = {"stopped": str(stopped).lower(), "epoch": str(epoch)}
-        fields["node"] = self.get_fully_qualified_name()
+        fields |= {"node": self.get_fully_qualified_name(), **self._offered}
         fields |= {f"owner of {joint}": owner for joint in JOINTS}
         values = [KeyValue(key=key, value=value) for key, value in fields.items()]
         self._control.publish(DiagnosticStatus(name="joint_control", values=values))

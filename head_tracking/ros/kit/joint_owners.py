@@ -21,6 +21,7 @@ from head_tracking.ros.kit.topics import LATCHED, LONGEST_NAME
 
 _OWNER = "owner of "
 _LIMITS = "limits of "
+_SERVICE = "service "
 
 
 class JointControl(NamedTuple):
@@ -31,18 +32,25 @@ class JointControl(NamedTuple):
     owners: Mapping[str, str]  # each joint's owner; empty where there is none
     node: str  # full name of the node that publishes it and offers `stop`; empty: not known
     limits: Mapping[str, tuple[float, float]]  # of each joint whose limits are known [rad]
+    services: Mapping[str, str]  # full names of its services `stop` and `resume`, as remapped
 
     def service(self, name: str) -> str:
-        """Return the name of a service of that node; a short one may not exist."""
-        return f"{self.node}/{name}" if self.node else name
+        """Return the full name of a service; of that node, because short ones may be others'."""
+        return self.services.get(name, f"{self.node}/{name}")
 
 
 def control_message(
-    owners: JointOwners, joints: Iterable[str], node: str, limits: Mapping[str, tuple[float, float]]
+    owners: JointOwners,
+    joints: Iterable[str],
+    node: Node,
+    limits: Mapping[str, tuple[float, float]],
 ) -> DiagnosticStatus:
     """Return a joint_control message of a node."""
     stopped = owners.stopped
-    fields = {"stopped": str(stopped).lower(), "epoch": str(owners.epoch.value), "node": node}
+    fields = {"stopped": str(stopped).lower(), "epoch": str(owners.epoch.value)}
+    fields["node"] = node.get_fully_qualified_name()
+    for name in ("stop", "resume"):
+        fields[f"{_SERVICE}{name}"] = node.resolve_service_name(f"~/{name}")
     fields |= {f"{_OWNER}{joint}": owner for joint, owner in owners.of(joints).items()}
     fields |= {f"{_LIMITS}{joint}": f"{low} {high}" for joint, (low, high) in limits.items()}
     level, text = (Level.WARN, STOPPED) if stopped else (Level.OK, "commands are accepted")
@@ -59,18 +67,19 @@ def control_from_message(message: DiagnosticStatus) -> JointControl:
     owners = {k.removeprefix(_OWNER): v for k, v in fields.items() if k.startswith(_OWNER)}
     stopped, epoch = fields.get("stopped") == "true", int(fields.get("epoch", ""))
     node = fields.get("node", "")
-    if node:
+    services = {k.removeprefix(_SERVICE): v for k, v in fields.items() if k.startswith(_SERVICE)}
+    for name in (node, *services.values()) if node else ():
         try:
-            validate_full_topic_name(node)
+            validate_full_topic_name(name)
         except NameValidationException as error:
-            raise ValueError(f"{node!r} is not the name of a node") from error
+            raise ValueError(f"{name!r} is not the name of a node or a service") from error
     limits = {}
     for key, value in fields.items():
         if key.startswith(_LIMITS):
             low, high = map(float, value.split())
             if low < high:
                 limits[key.removeprefix(_LIMITS)] = low, high
-    return JointControl(stopped, epoch, owners, node, limits)
+    return JointControl(stopped, epoch, owners, node, limits, services)
 
 
 def sender(name: str, epoch: int) -> str:
@@ -142,7 +151,7 @@ class OwnersOutput:
         limits: Callable[[str], tuple[float, float]] | None = None,
     ) -> None:
         self._owners, self._joints, self._limits = owners, tuple(joints), limits
-        self._name = node.get_fully_qualified_name()
+        self._node = node
         self._texts = node.create_publisher(String, "joint_owners", LATCHED)
         self._stops = node.create_publisher(Bool, "stopped", LATCHED)
         self._fields = node.create_publisher(DiagnosticStatus, "joint_control", LATCHED)
@@ -157,7 +166,7 @@ class OwnersOutput:
             owners, stopped = self._owners.of(self._joints), self._owners.stopped
             text = String(data="\n".join(f"{joint}: {owner}" for joint, owner in owners.items()))
             limits = {joint: self._limits(joint) for joint in self._joints if self._limits}
-            fields = control_message(self._owners, self._joints, self._name, limits)
+            fields = control_message(self._owners, self._joints, self._node, limits)
             before, self._last_published = self._last_published, (text, stopped, fields)
             if fields != before[2]:
                 self._fields.publish(fields)
