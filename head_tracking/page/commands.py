@@ -42,7 +42,7 @@ def commands(robot: Robot, live: Live, tuning: Tuning) -> dict[str, Callable[[Fi
         "aim": lambda of: joints.move(_positions(of)),
         "centre": lambda _: modes.centre(),
         "torque": lambda of: joints.set_torque(str(of.get("controller", "")), _on(of)),
-        "recover": lambda _: robot.services.trigger("recover"),
+        "recover": lambda _: joints.recover(),
         "set": lambda of: tuning.set(str(of["node"]), str(of["name"]), of["value"]),
         "reset": lambda _: tuning.reset(),
         "preset": lambda of: tuning.choose(str(of["name"])),

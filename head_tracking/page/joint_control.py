@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _PERIOD = 0.05  # s
 _TORQUES = {torque.value for torque in Torque}
-_TORQUE = "/torque_enable"
+_TORQUE, _RECOVER = "/torque_enable", "/recover"
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +53,6 @@ class JointPanel:
 
     def __init__(self, node: Node, robot: Robot) -> None:
         self._node, self._robot = node, robot
-        robot.services.know(SetBool, "torque_enable")
-        robot.services.know(Trigger, "recover")
         self._positions: dict[str, float] = {}
         self._is_published_by_others = True
         self._had_servos = False
@@ -73,8 +71,10 @@ class JointPanel:
 
     def discover(self) -> None:
         """Prepare to switch the servos, and find whether others publish joint states."""
-        servos = self.servos()
-        self._robot.services.know(SetBool, *(f"{one.controller}{_TORQUE}" for one in servos))
+        servos, buses, services = self.servos(), self._robot.stop.buses, self._robot.services
+        owners = *(one.controller for one in servos), *buses
+        services.know(SetBool, *(f"{owner}{_TORQUE}" for owner in owners))
+        services.know(Trigger, *(f"{bus}{_RECOVER}" for bus in buses))
         self._had_servos |= bool(servos)
         publishers = self._node.count_publishers(self._node.resolve_topic_name("joint_states"))
         self._is_published_by_others = publishers > (self._states is not None)
@@ -130,8 +130,25 @@ class JointPanel:
 
     def set_torque(self, controller: str, on: bool) -> str:
         """Switch the torque of a servo, of all servos for an empty name; return the answer."""
-        name = f"{controller}{_TORQUE}" if controller else _TORQUE[1:]
-        return self._robot.services.switch(name, on)
+        owners = [controller] if controller else self._buses(_TORQUE)
+        if not owners:
+            raise HeadTrackingError("No servo bus switches torque.")
+        return "; ".join(self._robot.services.switch(f"{owner}{_TORQUE}", on) for owner in owners)
+
+    @property
+    def can_recover(self) -> bool:
+        """Whether a bus offers to clear the faults of its servos."""
+        return bool(self._buses(_RECOVER))
+
+    def recover(self) -> str:
+        """Clear the faults of all servos; return the answer."""
+        buses = self._buses(_RECOVER)
+        return "; ".join(self._robot.services.trigger(f"{bus}{_RECOVER}") for bus in buses)
+
+    def _buses(self, service: str) -> list[str]:
+        """Return the buses that offer a service by their own name: a short one may be others'."""
+        offered = self._robot.services.offered
+        return [bus for bus in sorted(self._robot.stop.buses) if offered(f"{bus}{service}")]
 
     def _publish_positions(self) -> None:
         if not self.free:

@@ -200,7 +200,7 @@ class Live:
             "servos": [asdict(servo) for servo in servos],
             "movable": movable,
             "free": robot.joints.free,
-            "can_recover": robot.services.offered("recover"),
+            "can_recover": robot.joints.can_recover,
             "faults": [
                 one._asdict()
                 for one in faults(health, robot.modes.missing(), robot.silent_joints())

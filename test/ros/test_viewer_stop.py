@@ -11,7 +11,7 @@ from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
 from rig import JOINTS
 from std_msgs.msg import Header
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 from viewing import view
 from waiting import PATIENCE, wait_for
 
@@ -68,15 +68,22 @@ def test_a_bus_that_is_restarted_does_not_end_a_stop_that_was_not_confirmed(star
 
 def test_a_bus_without_short_names_is_stopped_and_resumed(start, page):
     base = Node("mobile_base")  # with a service `stop` of its own, which confirms
-    for name in ("stop", "resume"):
+    for name in ("stop", "resume", "recover"):
         base.create_service(Trigger, name, lambda _, __: Trigger.Response(success=True))
     start(base)
-    bus = start(BusStandIn(offers=("~/stop", "~/relax", "~/resume")))
+    bus = start(BusStandIn(offers=("~/stop", "~/recover", "~/resume")))
     robot = page()
     assert robot.stop.begin().wait(PATIENCE).done
     wait_for(lambda: robot.stop.can_resume)
     robot.stop.resume()
-    assert {*bus.calls} == {"~/stop", "~/resume"}
+    wait_for(lambda: robot.joints.can_recover)
+    robot.joints.recover()
+    with pytest.raises(HeadTrackingError):
+        robot.joints.set_torque("", True)
+    bus.create_service(SetBool, "~/torque_enable", bus._on_torque)
+    wait_for(lambda: robot.services.offered("servo_bus/torque_enable"))
+    robot.joints.set_torque("", True)
+    assert {*bus.calls} == {"~/stop", "~/resume", "~/recover"}
 
 
 def test_without_a_bus_stop_disables_the_tracker_and_is_done_when_one_comes(start, page):
