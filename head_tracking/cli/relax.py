@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import argparse
 
+from diagnostic_msgs.msg import DiagnosticStatus
+
 from head_tracking.cli.client import Client, run_client
+from head_tracking.ros.kit.joint_owners import control_from_message
+from head_tracking.ros.kit.topics import LATCHED
 
 _TIMEOUT = 10.0  # s; the discovery of a running servo_bus can take some seconds
 
@@ -21,4 +25,12 @@ def main() -> int:
 
 
 def _relax(client: Client, _: argparse.Namespace) -> None:
-    print(client.call(["servo_bus/relax", "relax"], _TIMEOUT))
+    controls: list[DiagnosticStatus] = []
+    client.node.create_subscription(DiagnosticStatus, "joint_control", controls.append, LATCHED)
+    client.wait_for(
+        lambda: bool(controls),
+        _TIMEOUT,
+        "there is no servo bus; is head_tracking running in this ROS_DOMAIN_ID?",
+    )
+    # of the bus by its own name: a service `relax` may be that of a mobile base
+    print(client.call([control_from_message(controls[0]).service("relax")], _TIMEOUT))

@@ -14,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rig import DEGREE, JOINTS, PYTHONPATH, SOURCE, child
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 from terminal import Terminal
 from waiting import wait_for
 
@@ -107,19 +108,23 @@ def root_frame(person):
 
 
 def test_ros_arguments_remap_and_set_parameters(bench, kinectbot):
-    values = ("servo_bus:update_rate:=40.0", "servo_bus:short_names:=false")
+    values = ("bus:update_rate:=40.0", "bus:short_names:=false")
     values = (*values, "robot_state_publisher:world_frame:=map")
     ros = [word for value in values for word in ("-p", value)]
-    run = bench.run(*own_model(bench, kinectbot), ros=(*ros, "-r", "servo_states:=measured"))
+    rules = ("-r", "servo_states:=measured", "-r", "servo_bus:__node:=bus")
+    run = bench.run(*own_model(bench, kinectbot), ros=(*ros, *rules))
     person = bench.person
+    done = Trigger.Response(success=True)  # of a mobile base
+    person.node.create_service(Trigger, "relax", lambda _, __: done)
     assert root_frame(person) == "map"
     states = person.hear("measured", JointState)
     wait_for(lambda: len(states) > 50)
-    assert person.get("servo_bus", "update_rate") == 40.0
-    person.until_done("servo_bus/stop")
+    assert person.get("bus", "update_rate") == 40.0
+    person.until_done("bus/stop")
     assert "/stop" not in dict(person.node.get_service_names_and_types())
     relax = bench.start("relax")
     assert relax.end() == 0, relax.output
+    assert JOINTS[0] in relax.output
     assert run.end(signal.SIGINT) == 0, run.output
 
 
