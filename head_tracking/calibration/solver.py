@@ -144,14 +144,16 @@ def solve(
     fit = min(fits, key=lambda each: each.cost)
     noise = fit.noise(free)
     fit.run(free, noise)
-    moved = fit.movement(free, noise)
+    kept = fit.consistent_views(free)
+    matched = fit.matched_views(kept)
+    steady = fit.with_views(matched).run(free, noise)
+    moved = steady.movement(free, steady.noise(free))
     if moved is not None:
         raise CalibrationError(
             Reason.MOVED,
-            f"the target or the camera moved at about view {moved} of {len(views)}: fasten both, "
-            "check that the camera is upright and not mirrored, and calibrate again",
+            f"the target or the camera moved at about view {matched[moved]} of {len(views)}: "
+            "fasten both, check that the camera is upright and not mirrored, and calibrate again",
         )
-    kept = fit.consistent_views(free)
     if len(kept) < max(FEWEST_VIEWS, (1.0 - _MOST_LEFT_OUT) * len(views)):
         raise CalibrationError(
             Reason.INCONSISTENT,
@@ -451,6 +453,17 @@ class _Fit:
         aside = np.abs(self._readings).max(axis=0)[self._seen.images] / self._reading
         limit = _OUTLYING * max(1.0, self.unsteadiness())
         return np.flatnonzero((misses < _OUTLYING) & (aside < limit)).tolist()
+
+    def matched_views(self, kept: Sequence[int]) -> list[int]:
+        """Return the indices of the consistent views, and of all in images with few of these.
+
+        The others are points of a room that were confused: they look like a motion.
+        """
+        images = self._seen.images
+        found = np.bincount(images[kept], minlength=1 + int(images.max()))
+        is_matched = (found < 0.5 * np.bincount(images))[images]
+        is_matched[kept] = True
+        return np.flatnonzero(is_matched).tolist()
 
     def movement(self, free: Sequence[int], noise: float) -> int | None:
         """Return the view at which marker or camera moved; None: no motion.

@@ -126,6 +126,18 @@ def test_a_sight_that_moves_is_refused(geometry, points):
     assert refusal.value.reason in {Reason.MOVED} | ({Reason.BLURRED} if points == 1 else set())
 
 
+def test_points_of_a_room_that_are_confused_are_left_out(geometry):
+    """They are no motion."""
+    head, rng = random_head(geometry, 40_000, 1.0, points=12), np.random.default_rng(40_000)
+    views = [
+        view._replace(corners=view.corners + rng.normal(0.0, 30.0 * (rng.random() < 0.15), (1, 2)))
+        for view in head.views
+    ]
+    solution = solve(geometry, CAMERA, views, None)
+    assert solution.left_out > 20
+    assert pointing_error(geometry, head, changes_of(solution)) < math.radians(0.3)
+
+
 def test_a_few_blurred_views_are_left_out(geometry):
     head = random_head(geometry, 132, 0.5)
     rng = np.random.default_rng(1)
