@@ -53,7 +53,7 @@ class Access:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        request = HTTPConnection(scope)
+        request, token = HTTPConnection(scope), self.token
         refusal = self._refusal(request)
         if refusal:
             await PlainTextResponse(refusal, 403, _HEADERS)(scope, receive, send)
@@ -63,8 +63,8 @@ class Access:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
                 headers.update(_HEADERS)
-                if self.token:
-                    cookie = f"{_cookie_name(request)}={quote(self.token)}"
+                if token:
+                    cookie = f"{_cookie_name(request)}={quote(token)}"
                     headers.append("set-cookie", f"{cookie}; HttpOnly; SameSite=Strict; Path=/")
             await send(message)
 

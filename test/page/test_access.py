@@ -62,6 +62,15 @@ def test_the_token_opens_and_its_cookie_does_afterwards():
     assert _answers(access, host="robot:8080", cookie=cookie)[0]["status"] == 200
 
 
+def test_an_answer_to_a_request_from_before_a_token_does_not_hand_it_out():
+    async def app(*arguments: Any) -> None:
+        access.token = "new"
+        await _app(*arguments)
+
+    access = Access(app, "127.0.0.1")
+    assert b"set-cookie" not in dict(_answers(access, host=LOCAL)[0]["headers"])
+
+
 def test_no_site_may_frame_an_answer_and_no_browser_shows_an_older_one():
     for access in (Access(_app, "127.0.0.1"), Access(_app, "0.0.0.0", "right")):
         headers = dict(_answers(access, host="127.0.0.1:1")[0]["headers"])
