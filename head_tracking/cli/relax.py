@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -25,12 +26,19 @@ def main() -> int:
 
 
 def _relax(client: Client, _: argparse.Namespace) -> None:
-    controls: list[DiagnosticStatus] = []
-    client.node.create_subscription(DiagnosticStatus, "joint_control", controls.append, LATCHED)
+    services: list[str] = []
+
+    def on_control(message: DiagnosticStatus) -> None:
+        with suppress(ValueError):  # it is malformed
+            control = control_from_message(message)
+            if control.node:
+                services.append(control.service("relax"))
+
+    client.node.create_subscription(DiagnosticStatus, "joint_control", on_control, LATCHED)
     client.wait_for(
-        lambda: bool(controls),
+        lambda: bool(services),
         _TIMEOUT,
         "there is no servo bus; is head_tracking running in this ROS_DOMAIN_ID?",
     )
     # of the bus by its own name: a service `relax` may be that of a mobile base
-    print(client.call([control_from_message(controls[0]).service("relax")], _TIMEOUT))
+    print(client.call(services, _TIMEOUT))

@@ -4,8 +4,10 @@ import signal
 from importlib.util import find_spec
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from program_names import NODES
-from rig import assert_described, run_python
+from rig import LATCHED, assert_described, run_python
+from std_srvs.srv import Trigger
 
 
 def run_without(package, words, **environment):
@@ -93,6 +95,11 @@ def test_a_run_that_cannot_start_reports_the_reason_on_standard_error(bench):
 
 
 def test_every_node_runs_alone_and_ends_at_ctrl_c(bench):
+    done = Trigger.Response(success=True)  # of a mobile base
+    bench.person.node.create_service(Trigger, "relax", lambda _, __: done)
+    for pairs in ([], [KeyValue(key="epoch", value="1")]):  # malformed; of no node
+        control = bench.person.node.create_publisher(DiagnosticStatus, "joint_control", LATCHED)
+        control.publish(DiagnosticStatus(values=pairs))
     relax = bench.start("relax")  # it waits 10 s for a servo bus
     names = NODES - {"servo_bus", "viewer", "recorder"}
     if find_spec("vision_msgs") is None:  # it ends with an error
