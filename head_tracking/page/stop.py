@@ -141,8 +141,10 @@ class Stop:
             self.stopped, self._epoch = control.stopped, control.epoch
             owners = control.owners.items()
             self.owners = {joint: owner.rpartition("/")[2] for joint, owner in owners}
+            if not control.node:
+                return  # its services are not known
             self.buses.add(control.node.rpartition("/")[2])
-            for service, clients in self._clients.items() if control.node else ():
+            for service, clients in self._clients.items():
                 name = control.service(service)
                 if name not in clients:
                     clients[name] = self._own.node.create_client(Trigger, name)

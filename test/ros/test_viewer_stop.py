@@ -7,9 +7,10 @@ from concurrent.futures import ThreadPoolExecutor
 import httpx
 import pytest
 from contract_nodes import BusStandIn, ControllerStandIn
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PointStamped
 from rclpy.node import Node
-from rig import JOINTS
+from rig import JOINTS, LATCHED
 from std_msgs.msg import Header
 from std_srvs.srv import SetBool, Trigger
 from viewing import view
@@ -70,6 +71,8 @@ def test_a_bus_without_short_names_is_stopped_and_resumed(start, page):
     base = Node("mobile_base")  # with a service `stop` of its own, which confirms
     for name in ("stop", "resume", "recover"):
         base.create_service(Trigger, name, lambda _, __: Trigger.Response(success=True))
+    control = base.create_publisher(DiagnosticStatus, "joint_control", LATCHED)
+    control.publish(DiagnosticStatus(values=[KeyValue(key="epoch", value="1")]))  # of no node
     start(base)
     bus = start(BusStandIn(offers=("~/stop", "~/recover", "~/resume")))
     robot = page()
@@ -84,6 +87,7 @@ def test_a_bus_without_short_names_is_stopped_and_resumed(start, page):
     wait_for(lambda: robot.services.offered("servo_bus/torque_enable"))
     robot.joints.set_torque("", True)
     assert {*bus.calls} == {"~/stop", "~/resume", "~/recover"}
+    assert robot.stop.buses == {"servo_bus"}
 
 
 def test_without_a_bus_stop_disables_the_tracker_and_is_done_when_one_comes(start, page):
