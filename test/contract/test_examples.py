@@ -37,9 +37,10 @@ def test_look_around():
 
 @pytest.mark.parametrize("name", ["follow_target.py", "own_detector.py", "follow_face.py"])
 def test_following(name):
-    *_, last = run(name, "--sim").splitlines()
-    # on a busy computer a point may be overdue, or the target new again
-    assert last.startswith(("tracking", "coasting", "acquiring"))
+    # coasting: on a busy computer a point may be overdue
+    lines = run(name, "--sim").splitlines()
+    *_, last = (line for line in lines if not line.startswith("coasting"))
+    assert last.startswith("tracking")
     assert float(re.search(r"([\d.]+) degrees", last)[1]) < 8.0
 
 
