@@ -10,7 +10,6 @@ hypotheses; docs/explain/estimator.md has the equations.
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections import deque
 from collections.abc import Mapping
 from itertools import pairwise
@@ -27,8 +26,6 @@ from head_tracking.tracking.learned import (
 )
 
 Array = npt.NDArray[np.float64]
-
-_HISTORY = 1.0  # s of commands
 
 _CELL = 0.01  # s
 _CELLS = 36  # delays of 0 to 350 ms
@@ -201,7 +198,7 @@ class ShaftModel:
         return self._readings[-1]
 
     def setpoint(self, time: float) -> float:
-        """Return where the set-point was, or will be if no other command comes."""
+        """Return where the set-point is at a time since the last command, if no other comes."""
         return self._sum(time) + self._offset
 
     def command(self, now: float, speed: float, goal: float) -> None:
@@ -222,8 +219,7 @@ class ShaftModel:
             position: that reading [rad].
             speed: the speed commanded at that time [rad/s].
         """
-        self._times, self._setpoints = [stamp], [position]
-        self._speeds, self._rooms = [speed], [math.inf]
+        self._command = stamp, position, speed, math.inf
         self.delay = self.parameters.servo_delay or self.delay
         self._offset, self._variance = 0.0, _FIRST**2
         self._readings: deque[tuple[float, float]] = deque([(stamp, position)])
@@ -258,7 +254,7 @@ class ShaftModel:
             position [rad] and speed [rad/s]; None: the shaft has followed its commands.
         """
         stamp, position = self.reading
-        gap = position - self.setpoint(stamp - self.delay)
+        gap = position - self._shaft(stamp - self.delay, 0) - self._offset
         before = self._at(stamp - 2.0 * _STEP)
         if abs(gap) < _ASTRAY or before is None:
             return None
@@ -274,8 +270,8 @@ class ShaftModel:
     def _correct(self, elapsed: float, stamp: float, position: float) -> None:
         """Update the set-point's offset by a Kalman filter; errors due to the delay are noise."""
         deviation = 0.0 if self.parameters.servo_delay else self.deviation
-        here = self._shaft(stamp - self.delay)
-        before = self._shaft(stamp - self.delay - max(deviation, elapsed))
+        here = self._shaft(stamp - self.delay, self._best)
+        before = self._shaft(stamp - self.delay - max(deviation, elapsed), self._best)
         spread = abs(here - before) if deviation else 0.0
         moved = (here - before) * elapsed / max(deviation, elapsed)
         self._variance += _DRIFT**2 * elapsed + (_SCALE * moved) ** 2
@@ -286,32 +282,23 @@ class ShaftModel:
         self._offset += gain * min(max(off, -most), most) / (1.0 + (off / _ASTRAY) ** 2)
         self._variance *= 1.0 - gain
 
-    def _shaft(self, time: float) -> float:
-        """Return where the shaft of the best dead band would be at a time [s] without a delay."""
+    def _shaft(self, time: float, band: int) -> float:
+        """Return where a shaft with a dead band would be at a time [s] without a delay."""
         place = min(max((time - self._grid_start) / _CELL, 0.0), self._filled - 1.0)
         cell = min(int(place), self._filled - 2)
-        before, after = self._grid[self._best, cell : cell + 2].tolist()
+        before, after = self._grid[band, cell : cell + 2].tolist()
         return float(before + (place - cell) * (after - before))
 
     def _sum(self, time: float) -> float:
-        times = self._times
-        index = -1 if time >= times[-1] else bisect_right(times, time) - 1
-        if time <= times[0]:
-            return self._setpoints[0]
-        way, room = self._speeds[index] * (time - times[index]), self._rooms[index]
-        if not -room <= way <= room:
-            way = math.copysign(room, way)
-        return self._setpoints[index] + way
+        """Return the sum of the commands at a time since the last one [s]."""
+        start, setpoint, speed, room = self._command
+        way = speed * max(time - start, 0.0)
+        return setpoint + min(max(way, -room), room)
 
     def _append(self, now: float, setpoint: float, speed: float, room: float) -> None:
         self._fill(now)
         self._judge()
-        self._times.append(now)
-        self._setpoints.append(setpoint)
-        self._speeds.append(speed)
-        self._rooms.append(room)
-        if len(self._times) > 2 and self._times[1] < now - _HISTORY:
-            del self._times[0], self._setpoints[0], self._speeds[0], self._rooms[0]
+        self._command = now, setpoint, speed, room
 
     def _fill(self, now: float) -> None:
         """Continue the path of the shaft for each dead band up to a time [s]."""
