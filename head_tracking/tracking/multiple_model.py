@@ -101,11 +101,6 @@ class Course(NamedTuple):
     swing_acceleration: float
     rate: float
 
-    @property
-    def speed(self) -> float:
-        """The velocity now [rad/s]."""
-        return self.velocity + self.swing_velocity
-
     def within(self, speed: float, acceleration: float) -> Course:
         """Return the motion with an oscillation as large as these limits allow, if it is larger.
 
