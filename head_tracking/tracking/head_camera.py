@@ -176,10 +176,7 @@ class HeadCamera:
 
     def _turned(self, angle: float = _TURNED) -> npt.NDArray[np.bool_]:
         """Return whether pan and tilt have turned by an angle [rad] within the possible errors."""
-        latest = self._readings.latest
-        if latest is None:
-            return np.zeros(2, dtype=np.bool_)
-        return self._readings.ranges(latest.stamp - _LOOKED_BACK) > angle
+        return self._readings.ranges(_LOOKED_BACK) > angle
 
     def _mean_place(self, stamp: float, ray: Vector3) -> Vector3:
         """Return the mean of the points of a ray in the fixed frame [m] over the stamp errors."""

@@ -72,8 +72,9 @@ class JointReadings:
         self.latest = JointReading(stamp, positions, self._velocities(stamp, positions))
         return True
 
-    def ranges(self, since: float) -> Array:
-        """Return how far pan and tilt have moved since a time [s]: highest less lowest, (2,)."""
+    def ranges(self, span: float) -> Array:
+        """Return how far pan and tilt moved in the last `span` [s]: highest less lowest, (2,)."""
+        since = self._rows[0, self._end - 1] - span
         first = int(np.searchsorted(self._rows[0, self._start : self._end], since))
         rows = self._rows[1:, self._start + first : self._end]
         return np.asarray(rows.max(axis=1) - rows.min(axis=1))
