@@ -17,7 +17,7 @@ _HISTORY = 1.0  # s; a point may be older than now, and than the latest one, by 
 _FUTURE = 0.5  # s; larger differences between clocks are errors
 _FEWEST = 8  # points that are kept whatever their age
 _NEAR = 0.45  # of `jump_threshold`: a point is used if it is so near to the prediction,
-_LIKELY = 1.25  # plus this number of its standard deviations, or how far the last used one was,
+_LIKELY = 1.25  # plus this number of its standard deviations,
 _WIDEST = 2.5  # and at most this times `jump_threshold`
 _FASTEST = 1.5  # rad/s; no single point and no two suspects tell of a faster motion
 _SCATTER = 4.0  # standard deviations of a point: two at one place are nearer to each other
@@ -227,7 +227,7 @@ class TargetEstimator:
         self._snapshots: list[_Snapshot] = []
         self._suspects: list[tuple[float, Ray]] = []
         self._left: tuple[float, Ray] | None = None
-        self._began = self._off = self._suspected = 0.0
+        self._began = self._suspected = 0.0
         self.estimate: TargetEstimate | None = None
 
     @property
@@ -324,10 +324,9 @@ class TargetEstimator:
         spread = max(estimate.deviation(0, stamp), estimate.deviation(1, stamp))
         usual = self._stamps[index - 1] - self._stamps[index - 2] if index > 1 else math.inf
         turned = 0.5 * ACCELERATION * min(stamp - estimate.stamp, usual) ** 2
-        spread = max(_LIKELY * math.hypot(spread, turned), self._off)
-        spread = min(spread, _FASTEST * (stamp - self._stamps[index - 1]))
+        most = _FASTEST * (stamp - self._stamps[index - 1])
+        spread = min(_LIKELY * math.hypot(spread, turned), most)
         if away <= min(_NEAR * threshold + spread, _WIDEST * threshold):
-            self._off = away
             self._suspects = [each for each in self._suspects if each[0] > stamp]
             self._insert(stamp, ray)
             return Verdict.TAKEN
@@ -433,7 +432,7 @@ class TargetEstimator:
             if before is None
             else before.bearings.restarted(bearing, self._leads)
         )
-        self._began, self._off, self.estimate = stamp, 0.0, None
+        self._began, self.estimate = stamp, None
         self._append(stamp, ray, bearings)
         for each in others:
             self._append(*each)
